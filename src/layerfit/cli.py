@@ -1,0 +1,194 @@
+"""The command line: one thin command for each capability. Heavy modules are imported inside the commands, so that --help stays quick."""
+
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+_EXAMPLES = ("two-layer", "slab-totals", "spatial-frequency")
+
+
+class _Commands(click.Group):
+    """Turns what goes wrong into one line and an exit code: 2 for wrong input, 1 for everything else."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except (click.ClickException, click.exceptions.Exit, click.Abort):
+            raise
+        except KeyboardInterrupt:
+            _fail("interrupted", 130)
+        except Exception as error:
+            from .errors import InputError
+
+            if isinstance(error, InputError):
+                _fail(str(error), 2)
+            if os.environ.get("LAYERFIT_DEBUG"):
+                raise
+            _fail(f"internal error, please report it ({type(error).__name__}: {error}); LAYERFIT_DEBUG=1 shows where", 1)
+
+
+def _fail(message: str, code: int) -> None:
+    click.echo(f"layerfit: {' '.join(message.split())}", err=True)
+    sys.exit(code)
+
+
+def _keep_compilations() -> None:
+    """Let JAX keep what it compiles in the user's cache folder, so that the next run starts fast. Settings of the user come first."""
+    import platformdirs
+
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(platformdirs.user_cache_dir("layerfit")) / "jax"))
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
+
+
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 80})
+@click.version_option(package_name="layerfit")
+def main() -> None:
+    """Optical properties of layered, turbid samples from light measurements.
+
+    A scene file (TOML) says what the sample is, what was measured and what is
+    unknown. Start with: layerfit example two-layer
+    """
+
+
+@main.command()
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.option("--solver", metavar="NAME", help="Solver, instead of the one in the file.")
+@click.option("--photons", type=click.IntRange(1), metavar="N", help="Number of photons (solver monte-carlo).")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, metavar="S", help="Seed of random numbers.")
+@click.option("--out", type=click.Path(path_type=Path), required=True, metavar="FILE.json", help="Where to write the prediction.")
+@click.option("--csv", "csv_file", type=click.Path(path_type=Path), metavar="FILE.csv", help="Write it as a data file as well.")
+@click.option("--noise", type=click.FloatRange(0, min_open=True), metavar="X", help="Relative noise for --csv: simulated data.")
+def predict(scene: Path, solver: str | None, photons: int | None, seed: int, out: Path, csv_file: Path | None, noise: float | None) -> None:
+    """Predict what the measurements of SCENE would give."""
+    _keep_compilations()
+    from .errors import InputError
+
+    if noise is not None and csv_file is None:
+        raise InputError("--noise without --csv: noise is only added to simulated data; give --csv FILE.csv")
+    from .predict import predict as run
+    from .report.archive import prediction_dict, write
+    from .scene_file import read_scene
+
+    description = read_scene(scene)
+    chosen = description.solver(solver)
+    if photons is not None:
+        raise InputError(f"--photons has no meaning for solver {chosen.name}; it belongs to solver monte-carlo, which this version does not have")
+    for path in [p for p in (out, csv_file) if p is not None]:
+        _check_parent(path)
+    predictions = run(description.stack, [m.geometry for m in description.measurements], solver=chosen)
+    names = [m.name for m in description.measurements]
+    result = prediction_dict(predictions[0].solver.name, list(zip(names, predictions, strict=True)))
+    write(out, _json(result))
+    click.echo(f"prediction: {out}")
+    if csv_file is not None:
+        for path in _write_simulated(csv_file, names, predictions, noise, seed):
+            click.echo(f"data: {path}")
+    for note in result["notes"]:
+        click.echo(f"note: {note}", err=True)
+
+
+def _write_simulated(csv_file: Path, names: list[str], predictions: list[Any], noise: float | None, seed: int) -> list[Path]:
+    """Predictions as data files, one a measurement, with noise drawn if asked for."""
+    import numpy as np
+
+    from .report.archive import data_csv, write
+
+    random = np.random.default_rng(seed)
+    paths = []
+    for name, prediction in zip(names, predictions, strict=True):
+        values, sd = prediction.values, None
+        if noise is not None:
+            sd = noise * np.abs(values)
+            values = values + sd * random.standard_normal(values.size)
+        path = csv_file if len(names) == 1 else csv_file.with_name(f"{csv_file.stem}_{name}{csv_file.suffix}")
+        paths.append(write(path, data_csv(prediction.geometry, values, sd)))
+    return paths
+
+
+@main.command()
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), required=True, metavar="DIR", help="Folder for fit.json, report.html and figures.")
+@click.option("--solver", metavar="NAME", help="Solver, instead of the one in the file.")
+@click.option("--starts", type=click.IntRange(1), metavar="N", help="Largest number of starts, instead of the file's (8).")
+def fit(scene: Path, out: Path, solver: str | None, starts: int | None) -> None:
+    """Fit the free numbers of SCENE to its data."""
+    _keep_compilations()
+    from .report.archive import save_fit, writable_folder
+    from .scene_file import read_scene
+
+    description = read_scene(scene)
+    datasets = description.datasets()
+    writable_folder(out)
+    from .inference.fit import Outcome
+    from .inference.fit import fit as run
+    from .inference.problem import Problem
+
+    problem = Problem(description.stack, datasets, free=description.free, ties=description.ties, solver=description.solver(solver))
+    with _progress("fitting") as advance:
+        result = run(problem, starts=starts or description.starts, seed=description.seed, on_start=advance)
+    paths = save_fit(result, out, title=f"layerfit: {scene.name}")
+    click.echo(result.summary())
+    click.echo(f"report: {paths['report.html']}")
+    if result.outcome is not Outcome.CONVERGED:
+        sys.exit(1)
+
+
+class _progress:
+    """A progress bar on a terminal, nothing elsewhere."""
+
+    def __init__(self, what: str):
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[note]}"), TimeElapsedColumn()
+        console = Console(stderr=True)
+        self.bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+        self.task = self.bar.add_task(what, total=None, note="compiling")
+
+    def __enter__(self) -> Callable[[int, int], None]:
+        self.bar.start()
+        return lambda done, total: self.bar.update(self.task, completed=done, total=total, note=f"start {done} of at most {total}")
+
+    def __exit__(self, *_: object) -> None:
+        self.bar.stop()
+
+
+@main.command()
+@click.argument("name", type=click.Choice(_EXAMPLES))
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder to make (default: the example's name).")
+def example(name: str, out: Path | None) -> None:
+    """Write a ready scene with data into a folder."""
+    from importlib.resources import files
+
+    from .report.archive import writable_folder, write
+
+    folder = writable_folder(out or Path(name))
+    for source in sorted(files("layerfit").joinpath("examples", name).iterdir(), key=lambda f: f.name):
+        write(folder / source.name, source.read_bytes())
+    click.echo(f"scene: {folder / 'scene.toml'}")
+    click.echo(f"next: layerfit fit {folder / 'scene.toml'} --out {folder / 'result'}")
+
+
+def _check_parent(path: Path) -> None:
+    from .report.archive import writable_folder
+
+    if not path.parent.is_dir():
+        from .errors import InputError
+
+        raise InputError(f"{path}: the folder {path.parent} does not exist")
+    writable_folder(path.parent)
+
+
+def _json(content: dict[str, Any]) -> str:
+    import json
+
+    return json.dumps(content, indent=1, allow_nan=False) + "\n"
+
+
+if __name__ == "__main__":
+    main()

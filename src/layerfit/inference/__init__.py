@@ -1,0 +1,1 @@
+"""From data to the numbers of a scene, with their uncertainty."""

@@ -1,0 +1,304 @@
+"""Least squares from several starts, and what comes of it."""
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any
+
+import equinox as eqx
+import numpy as np
+import optimistix as optx
+from scipy.special import chdtrc
+
+from ..errors import InputError
+from ..scene.stack import Stack
+from .least_squares import Descent, descend
+from .parameters import unbounded
+from .problem import Problem
+from .uncertainty import Uncertainty, correlation, uncertainty
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_MAX_STEPS = 200
+_SAME = 0.1  # two ends are one minimum if their chi-squares differ by less than this
+_ENOUGH = 3  # starts that reach the best minimum, after which no more are made
+_LEAST_NOISE = 1e-7  # relative noise below which an estimated one is rounding
+
+
+class Outcome(StrEnum):
+    """How a fit, or one start of it, ended."""
+
+    CONVERGED = "converged"
+    MAX_STEPS = "stopped at the largest number of steps"
+    NOT_FINITE = "residuals are not finite"
+
+
+class Start(eqx.Module):
+    """One run of the fit: where it began and ended (physical units), its chi-square, and how often it stepped."""
+
+    first: np.ndarray
+    last: np.ndarray
+    chi2: float = eqx.field(static=True)
+    steps: int = eqx.field(static=True)
+    outcome: Outcome = eqx.field(static=True)
+
+
+class Estimate(eqx.Module):
+    """One fitted number. stderr: 1 standard deviation, None at a bound or where the data do not depend on it."""
+
+    value: float = eqx.field(static=True)
+    stderr: float | None = eqx.field(static=True)
+    unit: str = eqx.field(static=True)
+    at_bound: bool = eqx.field(static=True)
+
+
+class Fit(eqx.Module):
+    """The result of `fit`. Nothing of the problem was changed.
+
+    Attributes
+    ----------
+    stack : the fitted stack, of the same structure as the guess.
+    x, covariance : numbers in the order of problem.names and their covariance (p, p), physical units.
+    residuals, predictions : for each dataset (prediction - value)/sd and the prediction.
+    chi2, dof, chi2_reduced : sum of squares of all residuals, values minus free numbers, and their ratio.
+    noise : the relative noise estimated from the fit, None where sd were given. The covariance uses it, and chi2_reduced is then 1.
+    outcome, warnings : how it ended, and what to keep in mind.
+    starts : all runs, best first. seconds : wall time.
+    """
+
+    problem: Problem
+    stack: Stack
+    x: np.ndarray
+    uncertainty: Uncertainty
+    residuals: tuple[np.ndarray, ...]
+    predictions: tuple[np.ndarray, ...]
+    chi2: float = eqx.field(static=True)
+    dof: int = eqx.field(static=True)
+    noise: float | None = eqx.field(static=True)
+    outcome: Outcome = eqx.field(static=True)
+    warnings: tuple[str, ...] = eqx.field(static=True)
+    starts: tuple[Start, ...]
+    seconds: float = eqx.field(static=True)
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance in physical units (p, p); 0 beside numbers at a bound."""
+        return self.uncertainty.covariance
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """Correlation matrix (p, p)."""
+        return correlation(self.covariance)
+
+    @property
+    def chi2_reduced(self) -> float:
+        """chi2/dof; NaN without degrees of freedom."""
+        return self.chi2 / self.dof if self.dof > 0 else math.nan
+
+    @property
+    def parameters(self) -> dict[str, Estimate]:
+        """Fitted numbers by name."""
+        u = self.uncertainty
+        rows = zip(self.problem.parameters, self.x, u.stderr, u.at_bound, strict=True)
+        return {p.name: Estimate(float(x), stderr, p.unit, bound) for p, x, stderr, bound in rows}
+
+    def plot(self) -> "Figure":
+        """Data, fit and residuals as a matplotlib figure."""
+        from ..report.plots import plot_fit
+
+        return plot_fit(self)
+
+    def plot_correlation(self) -> "Figure":
+        """The correlation matrix as a matplotlib figure."""
+        from ..report.plots import plot_correlation
+
+        return plot_correlation(self)
+
+    def summary(self) -> str:
+        """The result as plain text."""
+        from ..report.tables import fit_text
+
+        return fit_text(self)
+
+    def save(self, folder: Any) -> dict[str, Any]:
+        """Write fit.json, the fitted curves as CSV, figures and report.html into a folder; returns their paths by name."""
+        from ..report.archive import save_fit
+
+        return save_fit(self, folder)
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def _repr_html_(self) -> str:
+        from ..report.html import fit_fragment
+
+        return fit_fragment(self)
+
+
+def fit(
+    problem: Problem,
+    *,
+    starts: int = 8,
+    seed: int = 0,
+    on_start: Callable[[int, int], None] | None = None,
+) -> Fit:
+    """Fit a problem by least squares.
+
+    The first run starts at the parameters' init, further ones at points spread evenly between the bounds, in a fixed order. Each goes first for the
+    logarithms of the data, then for the data. Once three runs have met in the best minimum no more are made.
+
+    Arguments
+    ---------
+    starts : largest number of runs. seed : of the spread of starts. on_start : called with (runs done, largest number) after each.
+
+    Returns a Fit also where it failed: look at ``outcome`` and ``warnings``.
+
+    >>> import layerfit as lf
+    >>> skin = lf.Stack([lf.HalfSpace("skin", sigma_a=0.02, sigma_s_prime=2, n=1.4)])
+    >>> data = lf.Dataset(lf.RadialReflectance(r=[1, 2, 4, 8]), [0.0215, 0.00929, 0.00231, 0.000347], noise=lf.Noise(relative=0.02))
+    >>> result = lf.fit(lf.Problem(skin, data, free={"skin.sigma_a": (1e-3, 1), "skin.sigma_s_prime": (0.1, 10)}))
+    >>> {name: (float(f"{p.value:.3g}"), float(f"{p.stderr:.1g}")) for name, p in result.parameters.items()}
+    {'skin.sigma_a': (0.01, 0.0003), 'skin.sigma_s_prime': (0.999, 0.02)}
+    """
+    if not isinstance(starts, int) or starts < 1:
+        raise InputError(f"starts = {starts!r}; allowed is a whole number, at least 1")
+    began = time.perf_counter()
+    points = _starting_points(problem, starts, seed)
+    runs = _run_all(problem, points, on_start)
+    return _assemble(problem, runs, time.perf_counter() - began)
+
+
+def _starting_points(problem: Problem, count: int, seed: int) -> np.ndarray:
+    """Shares between the bounds, (count, p): the init first, then points of which no two share a slice of any number's interval."""
+    init = np.array([p.share(p.init) for p in problem.parameters])
+    ranks = np.argsort(np.random.default_rng(seed).random((count - 1, init.size)), axis=0)  # a Latin hypercube
+    return np.concatenate([init[None], (ranks + 0.5) / max(count - 1, 1)])
+
+
+class _Run(eqx.Module):
+    start: Start
+    descent: Descent
+
+
+def _run_one(problem: Problem, share: np.ndarray) -> _Run:
+    u = unbounded(share)
+    rough = descend(problem.model, u, np.array(1.0), _MAX_STEPS)
+    begin = np.asarray(rough.u)
+    end = descend(problem.model, begin if np.all(np.isfinite(begin)) else u, np.array(0.0), _MAX_STEPS)
+    value = float(np.sum(np.asarray(end.residual) ** 2))
+    outcome = Outcome.CONVERGED if bool(end.result == optx.RESULTS.successful) else Outcome.MAX_STEPS
+    if not math.isfinite(value):
+        value, outcome = math.inf, Outcome.NOT_FINITE
+    return _Run(Start(np.asarray(rough.first), np.asarray(end.x), value, int(rough.steps) + int(end.steps), outcome), end)
+
+
+def _run_all(problem: Problem, points: np.ndarray, on_start: Callable[[int, int], None] | None) -> list[_Run]:
+    """Runs from all points, two at a time, best first; stops early when enough have met."""
+    runs = [_run_one(problem, points[0])]  # alone, so that it compiles once
+    if on_start:
+        on_start(1, len(points))
+    with ThreadPoolExecutor(2) as pool:
+        for i in range(1, len(points), 2):
+            runs += list(pool.map(lambda p: _run_one(problem, p), points[i : i + 2]))
+            if on_start:
+                on_start(len(runs), len(points))
+            best = min(runs, key=lambda run: run.start.chi2)
+            if sum(_same_minimum(problem, best, run) for run in runs) >= _ENOUGH:
+                break
+    return sorted(runs, key=lambda run: run.start.chi2)
+
+
+def _variance(problem: Problem, best: _Run) -> float:
+    """Variance of a residual: 1 where sd are given, else estimated from the best minimum."""
+    if not problem.estimates_noise:
+        return 1.0
+    dof = max(sum(d.geometry.size for d in problem.data) - len(problem.parameters), 1)
+    return max(best.start.chi2 / dof, _LEAST_NOISE**2)
+
+
+def _same_minimum(problem: Problem, best: _Run, other: _Run) -> bool:
+    """Whether two runs ended in one minimum: nearly the same chi-square, and nearly the same residuals by the slopes at the best."""
+    if not math.isfinite(other.start.chi2):
+        return False
+    variance = _variance(problem, best)
+    moved = np.asarray(best.descent.jacobian) @ (np.asarray(other.descent.u) - np.asarray(best.descent.u))
+    return (other.start.chi2 - best.start.chi2) / variance <= _SAME and float(np.sum(moved**2)) / variance <= 10.0 * _SAME
+
+
+def _assemble(problem: Problem, runs: Sequence[_Run], seconds: float) -> Fit:
+    best = runs[0]
+    descent = best.descent
+    x = np.asarray(descent.x)
+    variance = _variance(problem, best)
+    share = np.array([p.share(float(v)) for p, v in zip(problem.parameters, x, strict=True)])
+    jacobian = np.asarray(descent.jacobian) / np.maximum(np.asarray(descent.slope), 1e-300)
+    known = uncertainty(problem.parameters, x, share, jacobian, variance)
+    flat = np.asarray(descent.residual)
+    sizes = np.cumsum([d.geometry.size for d in problem.data])[:-1]
+    weighted = np.split(flat / math.sqrt(variance), sizes)
+    predictions = [d.values + r * np.asarray(sd) for d, r, sd in zip(problem.data, np.split(flat, sizes), problem.model.sd, strict=True)]
+    dof = flat.size - x.size
+    values = {p.name: float(v) for p, v in zip(problem.parameters, x, strict=True)}
+    stack = problem.stack.set({name: v for name, v in values.items() if name in problem.stack.names})
+    stack = stack.set({tie.name: tie.factor * stack.get(tie.source) for tie in problem.ties})
+    noise = math.sqrt(variance) if problem.estimates_noise else None
+    chi2 = float(np.sum(flat**2)) / variance
+    return Fit(
+        problem=problem,
+        stack=stack,
+        x=x,
+        uncertainty=known,
+        residuals=tuple(weighted),
+        predictions=tuple(predictions),
+        chi2=chi2,
+        dof=dof,
+        noise=noise,
+        outcome=best.start.outcome,
+        warnings=tuple(_warnings(problem, runs, known, stack, chi2, dof, noise)),
+        starts=tuple(run.start for run in runs),
+        seconds=seconds,
+    )
+
+
+def _warnings(problem: Problem, runs: Sequence[_Run], known: Uncertainty, stack: Stack, chi2: float, dof: int, noise: float | None) -> list[str]:
+    warnings = []
+    best = runs[0]
+    if best.start.outcome is not Outcome.CONVERGED:
+        warnings.append(f"the fit did not converge: {best.start.outcome.value}")
+    met = sum(_same_minimum(problem, best, run) for run in runs)
+    if len(runs) > 1 and met < len(runs):
+        others = [run.start.chi2 / _variance(problem, best) for run in runs if not _same_minimum(problem, best, run)]
+        rival = min(others)
+        near = rival - chi2 < 9.0
+        warnings.append(
+            f"{met} of {len(runs)} starts reached the best minimum (chi-square {chi2:.4g}); the next one has {rival:.4g}"
+            + (", which the data can hardly tell apart" if near else "")
+        )
+    for parameter, bound, x in zip(problem.parameters, known.at_bound, best.start.last, strict=True):
+        if bound:
+            side = "lower" if x - parameter.low < parameter.high - x else "upper"
+            warnings.append(
+                f"{parameter.name} is at its {side} bound ({x:.4g} {parameter.unit}); it has no standard error, and the others hold with it there"
+            )
+    for parameter, unknown, bound in zip(problem.parameters, known.undetermined, known.at_bound, strict=True):
+        if unknown and not bound:
+            warnings.append(f"{parameter.name} is not determined by the data")
+    warnings.extend(known.directions)
+    if noise is not None:
+        warnings.append(f"the data have no sd: one relative noise was estimated from the fit, {noise:.2g}")
+    elif dof > 0 and chdtrc(dof, chi2) < 1e-3:
+        warnings.append(
+            f"chi-square {chi2:.4g} for {dof} degrees of freedom: the model does not describe the data within their sd, or the sd are too small"
+        )
+    if dof <= 0:
+        warnings.append("as many free parameters as values: the quality of the fit cannot be judged")
+    for dataset in problem.data:
+        try:
+            problem.chosen.check(stack, dataset.geometry)
+        except InputError as error:
+            warnings.append(f"at the fitted values: {error}")
+        warnings.extend(problem.solver.notes(stack, dataset.geometry))
+    return list(dict.fromkeys(warnings))

@@ -1,0 +1,156 @@
+"""Data files: CSV with units in the header."""
+
+import csv
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from .dataset import Dataset, Noise
+from .geometry import GEOMETRIES, Geometry, Radial, RadialReflectance, SpatialFrequency, Total, value_unit
+from .source import Detector, Source
+from .units import factor_to_internal
+
+_PLACES = {
+    "r": "length",
+    "r_min": "length",
+    "r_max": "length",
+    "k": "angular frequency",
+    "fx": "cycles",
+}
+_COLUMNS = (*_PLACES, "value", "sd")
+_VALUE_QUANTITY = {"1/mm^2": "per area", "1/mm": "per length", "1": "number"}
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of a file as numbers, with the unit of each and the line of each row."""
+
+    path: Path
+    columns: dict[str, np.ndarray]
+    units: dict[str, str]
+    lines: list[int]
+
+    def converted(self, name: str, quantity: str) -> np.ndarray:
+        """A column in the internal unit."""
+        where = f"{self.path}, column '{name}'"
+        return self.columns[name] * factor_to_internal(self.units[name], quantity, where)
+
+
+def read_table(path: str | Path) -> Table:
+    """A CSV file with a header like ``r [mm], value [1/mm^2], sd [1/mm^2]``. Lines that start with # are comments.
+
+    Raises InputError naming file, line and column of what is wrong.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as text ({type(error).__name__})") from None
+    numbered = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip() and not line.lstrip().startswith("#")]
+    if not numbered:
+        raise InputError(f"{path}: the file is empty; allowed is a header line and rows of numbers")
+    header_line, header = numbered[0]
+    names, units = [], {}
+    for cell in next(csv.reader([header], skipinitialspace=True)):
+        match = re.fullmatch(r"\s*(\w+)\s*\[\s*(.*?)\s*\]\s*", cell)
+        if not match:
+            raise InputError(f"{path}, line {header_line}: header '{cell.strip()}' has no unit; allowed is a name and a unit, as in 'r [mm]'")
+        name, unit = match.groups()
+        if name not in _COLUMNS:
+            raise InputError(f"{path}, line {header_line}: column '{name}' is unknown; allowed: {', '.join(_COLUMNS)}")
+        if name in units:
+            raise InputError(f"{path}, line {header_line}: column '{name}' is there twice")
+        names.append(name)
+        units[name] = unit
+    if len(numbered) == 1:
+        raise InputError(f"{path}: there is a header but no row of numbers")
+    rows = []
+    for line, content in numbered[1:]:
+        cells = next(csv.reader([content], skipinitialspace=True))
+        if len(cells) != len(names):
+            raise InputError(f"{path}, line {line}: {len(cells)} cells in a table of {len(names)} columns")
+        rows.append([_number(cell, path, line, name) for cell, name in zip(cells, names, strict=True)])
+    array = np.array(rows)
+    return Table(path, {name: array[:, i] for i, name in enumerate(names)}, units, [line for line, _ in numbered[1:]])
+
+
+def _number(cell: str, path: Path, line: int, column: str) -> float:
+    try:
+        value = float(cell)
+    except ValueError:
+        raise InputError(f"{path}, line {line}, column '{column}': '{cell.strip()}' is not a number") from None
+    if not np.isfinite(value):
+        raise InputError(f"{path}, line {line}, column '{column}': {cell.strip()} is given; allowed are finite numbers")
+    return value
+
+
+def geometry_from_table(
+    table: Table, kind: str | None, *, source: Source | None = None, detector: Detector | None = None, **options: Any
+) -> Geometry:
+    """The geometry that the columns of a file describe. kind None: R(r) for r, R(k) for k or fx."""
+    places = [name for name in table.columns if name in _PLACES]
+    frequency = [name for name in places if name in ("k", "fx")]
+    if kind is None:
+        if not places:
+            raise InputError(
+                f"{table.path}: columns {', '.join(table.columns)} do not say where it was measured; add r, r_min and r_max, k or fx, or give a kind"
+            )
+        kind = SpatialFrequency.kind if frequency else RadialReflectance.kind
+    cls = GEOMETRIES[kind]
+    allowed = [["k"], ["fx"]] if cls is SpatialFrequency else [[]] if issubclass(cls, Total) else [["r"], ["r_min", "r_max"]]
+    if sorted(places) not in [sorted(a) for a in allowed]:
+        wanted = " or ".join(" and ".join(a) or "value alone" for a in allowed)
+        raise InputError(f"{table.path}: columns {', '.join(table.columns)} do not fit {kind}; allowed: {wanted}")
+    converted = {name: table.converted(name, _PLACES[name]) for name in places}
+    keywords: dict[str, Any] = dict(options)
+    if issubclass(cls, Radial):
+        keywords |= {"source": source, "detector": detector}
+    try:
+        return cls(**converted, **keywords)
+    except InputError as error:
+        raise InputError(f"{table.path}: {error}") from None
+
+
+def dataset_from_table(table: Table, geometry: Geometry, *, noise: Noise | None = None, name: str = "measurement") -> Dataset:
+    """Values and sd of a file for its geometry. A noise is used where the file has no sd."""
+
+    if "value" not in table.columns:
+        raise InputError(f"{table.path}: there is no column 'value'; allowed is a header like 'r [mm], value [1/mm^2], sd [1/mm^2]'")
+    quantity = _VALUE_QUANTITY[value_unit(geometry)]
+    values = table.converted("value", quantity)
+    sd = table.converted("sd", quantity) if "sd" in table.columns else None
+    try:
+        return Dataset(geometry, values, sd, noise=noise if sd is None else None, name=name)
+    except InputError as error:
+        raise InputError(f"{table.path}: {error}") from None
+
+
+def read(
+    path: str | Path,
+    kind: str | None = None,
+    *,
+    source: Source | None = None,
+    detector: Detector | None = None,
+    noise: Noise | None = None,
+    name: str = "measurement",
+    **options: Any,
+) -> Dataset:
+    """A Dataset from a CSV file with units in its header.
+
+    Columns: ``r`` or ``r_min`` and ``r_max`` [length], ``k`` [rad/length] or ``fx`` [1/length]; ``value``; optionally ``sd`` in a unit of the value.
+    kind : as in a scene file; default radial_reflectance for r and spatial_frequency for k or fx. noise : used where the file has no sd.
+    options : specular and incidence of a total.
+
+    Raises InputError naming file, line and column.
+    """
+    if kind is not None and kind not in GEOMETRIES:
+        raise InputError(f"kind = {kind!r}; allowed: {', '.join(GEOMETRIES)}")
+    table = read_table(path)
+    geometry = geometry_from_table(table, kind, source=source, detector=detector, **options)
+    return dataset_from_table(table, geometry, noise=noise, name=name)

@@ -1,0 +1,91 @@
+"""Measured values with their uncertainty."""
+
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from ..errors import InputError
+from .geometry import Geometry
+
+
+class Noise(eqx.Module):
+    """A standard deviation made of a relative and an absolute part, added in quadrature.
+
+    relative : share of the value. absolute : in the unit of the value.
+    """
+
+    relative: float = 0.0
+    absolute: float = 0.0
+
+    def __check_init__(self):
+        for name in ("relative", "absolute"):
+            value = getattr(self, name)
+            if not (isinstance(value, int | float) and np.isfinite(value) and value >= 0):
+                raise InputError(f"noise {name} = {value!r}; allowed is a finite number, at least 0")
+        if self.relative == 0 and self.absolute == 0:
+            raise InputError("noise: relative and absolute are both 0; allowed is at least one above 0")
+
+    def sd(self, values: np.ndarray) -> np.ndarray:
+        """Standard deviation of values."""
+        return np.hypot(self.relative * np.abs(values), self.absolute)
+
+
+class Dataset(eqx.Module):
+    """What was measured.
+
+    Arguments
+    ---------
+    geometry : where and how.
+    values : one a place, in the internal unit of the geometry (1/mm^2 for R(r)).
+    sd : standard deviations, above 0; or
+    noise : Noise(relative, absolute), from which they follow. With neither, one relative noise is assumed for all values and its size is
+        estimated from the fit.
+    name : prefix of the nuisance parameters (``name.amplitude``, ``name.offset``, ``name.background``).
+
+    Raises InputError for counts that do not agree, values that are not finite, or an sd that is not above 0.
+
+    >>> import layerfit as lf
+    >>> lf.Dataset(lf.RadialReflectance(r=[1, 2]), [0.02, 0.008], noise=lf.Noise(relative=0.02)).sd
+    array([0.0004 , 0.00016])
+    """
+
+    geometry: Geometry
+    values: np.ndarray
+    sd: np.ndarray | None
+    name: str
+
+    def __init__(self, geometry: Geometry, values: Any, sd: Any = None, *, noise: Noise | None = None, name: str = "measurement"):
+        if not isinstance(name, str) or not name or any(c in name for c in ".\n") or name == "scene":
+            raise InputError(f"measurement name {name!r}: allowed is a non-empty text without dots, other than 'scene'")
+        self.geometry, self.name = geometry, name
+        self.values = self._column(values, "value")
+        self.sd = None
+        if sd is not None:
+            self.sd = self._column(sd, "sd")
+            if np.any(self.sd <= 0):
+                i = int(np.flatnonzero(self.sd <= 0)[0])
+                raise InputError(f"measurement '{name}': sd {i + 1} is {self.sd[i]:g}; allowed is a number above 0")
+        elif noise is not None:
+            self.sd = noise.sd(self.values)
+            if np.any(self.sd == 0):
+                i = int(np.flatnonzero(self.sd == 0)[0])
+                raise InputError(f"measurement '{name}': value {i + 1} is 0 and its noise relative; allowed with it is an absolute noise or an sd")
+        elif np.any(self.values <= 0):
+            i = int(np.flatnonzero(self.values <= 0)[0])
+            raise InputError(
+                f"measurement '{name}': value {i + 1} is {self.values[i]:g} and has neither sd nor noise; without them allowed are values above 0, "
+                "whose relative noise is estimated"
+            )
+
+    def _column(self, values: Any, what: str) -> np.ndarray:
+        try:
+            array = np.atleast_1d(np.asarray(values, dtype=float))
+        except (TypeError, ValueError):
+            raise InputError(f"measurement '{self.name}': {what} holds something that is not a number") from None
+        if array.shape != (self.geometry.size,):
+            raise InputError(f"measurement '{self.name}': {array.size} numbers of {what} for {self.geometry.size} places; allowed is one each")
+        if not np.all(np.isfinite(array)):
+            i = int(np.flatnonzero(~np.isfinite(array))[0])
+            raise InputError(f"measurement '{self.name}': {what} {i + 1} is {array[i]}; allowed are finite numbers")
+        return array

@@ -1,0 +1,322 @@
+"""Where and how light is measured: what a forward model must predict, without any values."""
+
+from abc import abstractmethod
+from typing import Any, ClassVar, Literal, Self
+
+import equinox as eqx
+import numpy as np
+
+from ..errors import InputError
+from ..optics.hankel import Kernel, Term
+from .source import Detector, Disk, Edge, Gaussian, Line, Pencil, Source
+
+Side = Literal["above", "below"]
+
+
+def _array(values: Any, what: str, *, increasing: bool = True) -> np.ndarray:
+    try:
+        array = np.atleast_1d(np.asarray(values, dtype=float))
+    except (TypeError, ValueError):
+        raise InputError(f"{what}: {values!r} was given; allowed are numbers") from None
+    if array.ndim != 1 or array.size == 0:
+        raise InputError(f"{what}: an array of shape {array.shape} was given; allowed is a list of one number or more")
+    if not np.all(np.isfinite(array)):
+        raise InputError(
+            f"{what}: number {int(np.flatnonzero(~np.isfinite(array))[0]) + 1} is {array[~np.isfinite(array)][0]}; allowed are finite numbers"
+        )
+    if increasing and np.any(np.diff(array) <= 0):
+        i = int(np.flatnonzero(np.diff(array) <= 0)[0])
+        raise InputError(f"{what} is not increasing: number {i + 2} is {array[i + 1]:g} after {array[i]:g}")
+    return array
+
+
+class Geometry(eqx.Module):
+    """One kind of measurement at given places."""
+
+    kind: ClassVar[str]
+    side: ClassVar[Side]
+    axis: ClassVar[str] = ""
+
+    @property
+    @abstractmethod
+    def size(self) -> int:
+        """Number of values."""
+
+    @abstractmethod
+    def places(self) -> dict[str, np.ndarray]:
+        """Columns that say where: {} for a total, {"r": ...}, {"r_min": ..., "r_max": ...} [mm] or {"k": ...} [rad/mm]."""
+
+    def centers(self) -> np.ndarray:
+        """One abscissa a value, for plots; rings by the radius that halves their area."""
+        places = self.places()
+        if len(places) == 2:
+            low, high = places.values()
+            return np.sqrt(0.5 * (low**2 + high**2))
+        return next(iter(places.values()), np.zeros(self.size))
+
+
+class Radial(Geometry):
+    """Light leaving at distances r, or averaged over rings, per unit incident power and area."""
+
+    axis: ClassVar[str] = "r [mm]"
+    r: np.ndarray | None
+    r_min: np.ndarray | None
+    r_max: np.ndarray | None
+    source: Source
+    detector: Detector
+
+    def __init__(
+        self,
+        r: Any = None,
+        *,
+        r_min: Any = None,
+        r_max: Any = None,
+        source: Source | None = None,
+        detector: Detector | None = None,
+    ):
+        self.source = Pencil() if source is None else source
+        self.detector = Detector() if detector is None else detector
+        what = self.kind
+        if (r is None) == (r_min is None or r_max is None):
+            raise InputError(f"{what}: give r, or r_min and r_max")
+        if r is not None:
+            self.r, self.r_min, self.r_max = _array(r, f"{what}: r"), None, None
+            if not isinstance(self.source, Edge) and np.any(self.r < 0):
+                raise InputError(f"{what}: r = {self.r.min():g}; allowed is 0 or more (below 0 only beside an edge)")
+            if isinstance(self.source, Pencil | Line) and self.detector.radius == 0.0 and np.any(self.r == 0):
+                raise InputError(
+                    f"{what}: r = 0 under a {self.source.name} beam, where the value is infinite; give a ring, or a source or detector with a radius"
+                )
+        else:
+            self.r, self.r_min, self.r_max = None, _array(r_min, f"{what}: r_min"), _array(r_max, f"{what}: r_max")
+            self._check_rings(what)
+
+    def _check_rings(self, what: str) -> None:
+        assert self.r_min is not None and self.r_max is not None
+        low, high = self.r_min, self.r_max
+        if low.shape != high.shape:
+            raise InputError(f"{what}: {low.size} values of r_min and {high.size} of r_max; allowed is one pair a ring")
+        if low[0] < 0:
+            raise InputError(f"{what}: r_min = {low[0]:g}; allowed is 0 or more")
+        if np.any(high <= low):
+            i = int(np.flatnonzero(high <= low)[0])
+            raise InputError(f"{what}: ring {i + 1} goes from {low[i]:g} to {high[i]:g}; r_max must be above r_min")
+        if np.any(low[1:] < high[:-1] * (1 - 1e-12)):
+            i = int(np.flatnonzero(low[1:] < high[:-1] * (1 - 1e-12))[0])
+            raise InputError(f"{what}: r not increasing: ring {i + 2} starts at {low[i + 1]:g}, inside ring {i + 1} which ends at {high[i]:g}")
+        if isinstance(self.source, Line | Edge):
+            raise InputError(f"{what}: rings around a {self.source.name}; allowed with it are distances r")
+        if self.detector.radius > 0:
+            raise InputError(f"{what}: rings with a detector radius; allowed is one of them")
+
+    @property
+    def size(self) -> int:
+        return int(next(iter(self.places().values())).size)
+
+    @property
+    def value_unit(self) -> str:
+        return {"line": "1/mm", "edge": "1"}.get(self.source.name, "1/mm^2")
+
+    def places(self) -> dict[str, np.ndarray]:
+        if self.r is not None:
+            return {"r": self.r}
+        assert self.r_min is not None and self.r_max is not None
+        return {"r_min": self.r_min, "r_max": self.r_max}
+
+    def shifted(self, offset: float) -> Self:
+        """The same with all distances larger by offset [mm]. Raises InputError where one would become negative."""
+        places = {name: values + offset for name, values in self.places().items()}
+        return type(self)(**places, source=self.source, detector=self.detector)
+
+    def kernel(self) -> Kernel:
+        """How the values follow from the response in spatial frequency (see `optics.hankel`)."""
+        disks = [self.detector.radius] if self.detector.radius > 0 else []
+        if isinstance(self.source, Disk):
+            disks.append(self.source.radius)
+        gaussian = self.source.radius if isinstance(self.source, Gaussian) else 0.0
+        if self.r is None:
+            assert self.r_min is not None and self.r_max is not None
+            low, high = self.r_min, self.r_max
+            area = np.pi * (high**2 - low**2)
+            terms = (Term(high / area, high, "J1", 0), Term(-low / area, low, "J1", 0))
+            return Kernel(terms, tuple(disks), gaussian)
+        one = np.ones_like(self.r)
+        if isinstance(self.source, Line):
+            return Kernel((Term(one / np.pi, self.r, "cos", 0),), tuple(disks))
+        if isinstance(self.source, Edge):
+            return Kernel((Term(one / np.pi, self.r, "sin", -1),), tuple(disks), at_zero=0.5)
+        return Kernel((Term(one / (2.0 * np.pi), self.r, "J0", 1),), tuple(disks), gaussian)
+
+    def direct(self) -> np.ndarray:
+        """The value that light leaving exactly where it entered would give: the source's pattern seen through the detector."""
+        if self.r is None:
+            assert self.r_min is not None and self.r_max is not None
+            low, high = self.r_min, self.r_max
+            return (self._enclosed(high) - self._enclosed(low)) / (np.pi * (high**2 - low**2))
+        if self.detector.radius == 0.0:
+            return self.source.density(self.r)
+        return np.array([self._under_fibre(float(r)) for r in self.r])
+
+    def _enclosed(self, radius: np.ndarray) -> np.ndarray:
+        """Share of the source's power within a radius."""
+        if isinstance(self.source, Disk):
+            return np.minimum(radius / self.source.radius, 1.0) ** 2
+        if isinstance(self.source, Gaussian):
+            return -np.expm1(-2.0 * (radius / self.source.radius) ** 2)
+        return np.where(radius > 0, 1.0, 0.0)
+
+    def _under_fibre(self, r: float) -> float:
+        """Mean of the source's pattern over a fibre at r."""
+        a = self.detector.radius
+        if isinstance(self.source, Pencil):
+            return 1.0 / (np.pi * a**2) if r < a else 0.0
+        if isinstance(self.source, Line):
+            return 2.0 * np.sqrt(max(a**2 - r**2, 0.0)) / (np.pi * a**2)
+        if isinstance(self.source, Edge):
+            t = np.clip(r / a, -1.0, 1.0)
+            return float(0.5 + (t * np.sqrt(1.0 - t**2) + np.arcsin(t)) / np.pi)
+        if isinstance(self.source, Disk):
+            return _lens(r, a, self.source.radius) / (np.pi * a**2 * np.pi * self.source.radius**2)
+        rho, w_rho = _gauss(64)
+        angle, w_angle = _gauss(64)
+        rho, angle = a * rho[:, None], np.pi * angle
+        value = self.source.density(np.sqrt(r**2 + rho**2 + 2.0 * r * rho * np.cos(angle)))
+        return float(2.0 * np.sum(w_rho[:, None] * w_angle * value * rho) / a)
+
+
+def _gauss(n: int) -> tuple[np.ndarray, np.ndarray]:
+    x, w = np.polynomial.legendre.leggauss(n)
+    return 0.5 * (x + 1.0), 0.5 * w
+
+
+def _lens(distance: float, a: float, b: float) -> float:
+    """Area common to two disks."""
+    if distance >= a + b:
+        return 0.0
+    if distance <= abs(a - b):
+        return float(np.pi * min(a, b) ** 2)
+    at_a = np.arccos((distance**2 + a**2 - b**2) / (2.0 * distance * a))
+    at_b = np.arccos((distance**2 + b**2 - a**2) / (2.0 * distance * b))
+    kite = (-distance + a + b) * (distance + a - b) * (distance - a + b) * (distance + a + b)
+    return float(a**2 * at_a + b**2 * at_b - 0.5 * np.sqrt(kite))
+
+
+class RadialReflectance(Radial):
+    """R(r): light leaving through the top, per unit incident power and area [1/mm^2], specular reflection left out.
+
+    Arguments
+    ---------
+    r : distances from the beam's axis [mm], increasing; or
+    r_min, r_max : rings [mm]; a value is the average over its ring. The first may start at 0; gaps are allowed.
+    source : Pencil (default), Disk, Gaussian, Line or Edge.
+    detector : Detector(radius, na); a point that collects all directions by default.
+
+    Raises InputError for distances that are not increasing, negative, or 0 where the value is infinite.
+    """
+
+    kind: ClassVar[str] = "radial_reflectance"
+    side: ClassVar[Side] = "above"
+
+    def __init__(self, r: Any = None, *, r_min: Any = None, r_max: Any = None, source: Source | None = None, detector: Detector | None = None):
+        super().__init__(r, r_min=r_min, r_max=r_max, source=source, detector=detector)
+
+
+class RadialTransmittance(Radial):
+    """T(r): light leaving through the bottom; arguments as for `RadialReflectance`. Unscattered light is in the ring at 0."""
+
+    kind: ClassVar[str] = "radial_transmittance"
+    side: ClassVar[Side] = "below"
+
+    def __init__(self, r: Any = None, *, r_min: Any = None, r_max: Any = None, source: Source | None = None, detector: Detector | None = None):
+        super().__init__(r, r_min=r_min, r_max=r_max, source=source, detector=detector)
+
+
+class SpatialFrequency(Geometry):
+    """R(k): reflectance of a sinusoidal pattern, specular reflection left out [1].
+
+    k : [rad/mm], 0 or more; or fx : the same as cycles [1/mm], k = 2 pi fx.
+    """
+
+    kind: ClassVar[str] = "spatial_frequency"
+    side: ClassVar[Side] = "above"
+    axis: ClassVar[str] = "k [rad/mm]"
+    k: np.ndarray
+
+    def __init__(self, k: Any = None, *, fx: Any = None):
+        if (k is None) == (fx is None):
+            raise InputError("spatial_frequency: give k or fx")
+        self.k = _array(k, "spatial_frequency: k") if k is not None else 2.0 * np.pi * _array(fx, "spatial_frequency: fx")
+        if np.any(self.k < 0):
+            raise InputError(f"spatial_frequency: k = {self.k.min():g}; allowed is 0 or more")
+
+    @property
+    def size(self) -> int:
+        return int(self.k.size)
+
+    def places(self) -> dict[str, np.ndarray]:
+        return {"k": self.k}
+
+
+Incidence = float | Literal["normal", "diffuse"]
+
+
+class Total(Geometry):
+    incidence: Incidence
+
+    @property
+    def size(self) -> int:
+        return 1
+
+    def places(self) -> dict[str, np.ndarray]:
+        return {}
+
+    def __check_init__(self):
+        angle = 0.0 if self.incidence == "normal" else self.incidence
+        if angle != "diffuse" and not (isinstance(angle, int | float) and 0 <= angle < 90):
+            raise InputError(f'{self.kind}: incidence = {self.incidence!r}; allowed: "normal", "diffuse", or degrees from 0 to below 90')
+
+    def cosines(self) -> tuple[np.ndarray, np.ndarray]:
+        """Cosines of incidence in the medium above and their weights (sum 1)."""
+        if self.incidence == "diffuse":
+            mu, w = _gauss(16)
+            return mu, 2.0 * mu * w
+        return np.array([1.0 if self.incidence == "normal" else float(np.cos(np.radians(self.incidence)))]), np.ones(1)
+
+
+class TotalReflectance(Total):
+    """All light leaving through the top, per unit incident power [1].
+
+    specular : "excluded" (default) leaves out the first-surface reflection, "included" counts it. Unscattered light returned by deeper faces
+        is in both.
+    incidence : "normal" (default), "diffuse" (Lambertian), or an angle in degrees.
+    """
+
+    kind: ClassVar[str] = "total_reflectance"
+    side: ClassVar[Side] = "above"
+    incidence: Incidence = "normal"
+    specular: Literal["excluded", "included"] = "excluded"
+
+    def __check_init__(self):
+        if self.specular not in ("excluded", "included"):
+            raise InputError(f'total_reflectance: specular = {self.specular!r}; allowed: "excluded", "included"')
+
+
+class TotalTransmittance(Total):
+    """All light leaving through the bottom, the unscattered beam included, per unit incident power [1].
+
+    incidence : "normal" (default), "diffuse" (Lambertian), or an angle in degrees.
+    """
+
+    kind: ClassVar[str] = "total_transmittance"
+    side: ClassVar[Side] = "below"
+    incidence: Incidence = "normal"
+
+
+GEOMETRIES: dict[str, type[Geometry]] = {
+    cls.kind: cls for cls in (RadialReflectance, RadialTransmittance, SpatialFrequency, TotalReflectance, TotalTransmittance)
+}
+
+
+def value_unit(geometry: Geometry) -> str:
+    """Unit of the values."""
+    return geometry.value_unit if isinstance(geometry, Radial) else "1"

@@ -1,0 +1,90 @@
+"""Functions that stay accurate and differentiable where the textbook form is 0/0 or overflows.
+
+All of them take ``x = (gamma h)^2`` rather than ``gamma h``: layer formulas are even in ``gamma h``, hence analytic in ``x`` at 0, where
+``gamma`` itself (a square root) has no derivative.
+"""
+
+import math
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+# Lambert's continued fraction tanh(sqrt x)/sqrt x = 1/(1 + x/(3 + x/(5 + ...))) serves below _SMALL, where _LEVELS of it give 1e-17
+_SMALL, _LEVELS = 0.1, 6
+
+
+def _continued_fraction(x: Float[Array, "*s"]) -> Float[Array, "*s"]:
+    f = jnp.full_like(x, 1.0 / (2 * _LEVELS + 1))
+    for n in reversed(range(_LEVELS)):
+        f = 1.0 / ((2 * n + 1) + x * f)
+    return f
+
+
+@jax.jit
+def tanhc(x: Float[Array, "*s"]) -> Float[Array, "*s"]:
+    """tanh(sqrt x)/sqrt x for x >= 0, analytic at 0 [dimensionless]."""
+    small = x < _SMALL
+    root = jnp.sqrt(jnp.where(small, 1.0, x))
+    return jnp.where(small, _continued_fraction(jnp.where(small, x, 0.0)), jnp.tanh(root) / root)
+
+
+@jax.jit
+def log_cosh(x: Float[Array, "*s"]) -> Float[Array, "*s"]:
+    """log cosh(sqrt x) for x >= 0. Ratios of hyperbolic functions are exponentials of its differences: nothing overflows."""
+    return _log_cosh(x)
+
+
+@jax.custom_jvp
+def _log_cosh(x: Float[Array, "*s"]) -> Float[Array, "*s"]:
+    root = jnp.sqrt(x)
+    return root + jnp.log1p(jnp.exp(-2.0 * root)) - math.log(2.0)
+
+
+@_log_cosh.defjvp
+def _log_cosh_jvp(primals, tangents):
+    (x,), (dx,) = primals, tangents
+    return _log_cosh(x), 0.5 * tanhc(x) * dx
+
+
+@jax.jit
+def expc(y: Float[Array, "*s"]) -> Float[Array, "*s"]:
+    """(1 - exp(-y))/y for y >= 0, equal to 1 at y = 0."""
+    half = tanhc(0.25 * y * y)
+    return half / (1.0 + 0.5 * y * half)
+
+
+@jax.jit
+def divided_differences(x1: Float[Array, "*s"], x2: Float[Array, "*s"]) -> tuple[Float[Array, "*s"], Float[Array, "*s"]]:
+    """Divided differences of `tanhc` and of sech^2(sqrt x) between x1 and x2, finite and accurate when they coincide.
+
+    Returns ``(f(x1) - f(x2))/(x1 - x2)`` for both functions. They are what a triangular 2 x 2 matrix argument needs: the off-diagonal
+    element of f([[x1, c], [0, x2]]) is c times this. With a = sqrt(min), b = sqrt(max),
+
+        tanhc:  (sinhc(b - a) sech a sech b - tanhc(a^2)) / (b (a + b))
+        sech^2: -sinhc(b - a) sech a sech b (tanh a + tanh b) / (a + b)
+
+    for small x the differences of the continued fraction are taken level by level, which has no cancellation.
+    """
+    low, high = jnp.minimum(x1, x2), jnp.maximum(x1, x2)
+    small = high < _SMALL
+    u, v = jnp.where(small, low, 0.0), jnp.where(small, high, 0.0)
+    fu = fv = jnp.full_like(u, 1.0 / (2 * _LEVELS + 1))
+    dd = jnp.zeros_like(u)
+    for n in reversed(range(_LEVELS)):
+        inner = fu + v * dd
+        fu, fv = 1.0 / ((2 * n + 1) + u * fu), 1.0 / ((2 * n + 1) + v * fv)
+        dd = -fu * fv * inner
+    dd_tanhc_small = dd
+    dd_sech2_small = -(fu**2 + v * (fu + fv) * dd)
+
+    # low may be 0 here while high is not: keep its root away from the infinite slope, its formulas are even in a to that order
+    a = jnp.sqrt(jnp.where(small, 1.0, jnp.maximum(low, 1e-30)))
+    b = jnp.sqrt(jnp.where(small, 1.0, high))
+    ea, eb = jnp.exp(-2.0 * a), jnp.exp(-2.0 * b)
+    bridge = 4.0 * ea * expc(2.0 * (b - a)) / ((1.0 + ea) * (1.0 + eb))  # sinhc(b - a) sech a sech b
+    ta, tb = tanhc(jnp.where(small, 1.0, low)), jnp.tanh(b)
+    dd_tanhc = (bridge - ta) / (b * (a + b))
+    dd_sech2 = -bridge * (a * ta + tb) / (a + b)
+    return jnp.where(small, dd_tanhc_small, dd_tanhc), jnp.where(small, dd_sech2_small, dd_sech2)

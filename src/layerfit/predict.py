@@ -1,0 +1,55 @@
+"""What a measurement of a known stack would give."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import numpy as np
+
+from .errors import InputError
+from .measurement.geometry import Geometry
+from .scene.columns import to_columns
+from .scene.stack import Stack
+from .solver import Domain, Solver
+from .transport.auto import Auto
+
+
+class Prediction(eqx.Module):
+    """Predicted values of one measurement.
+
+    values : in the unit of the geometry. estimated_error : absolute, in the same unit; None where the solver does not know its error.
+    """
+
+    geometry: Geometry
+    values: np.ndarray
+    estimated_error: np.ndarray | None
+    solver: Solver
+    notes: tuple[str, ...] = eqx.field(static=True)
+
+
+_call = eqx.filter_jit(lambda forward, columns: forward(columns))
+
+
+def predict(stack: Stack, geometries: Geometry | Sequence[Geometry], *, solver: Solver | None = None) -> list[Prediction]:
+    """Predicted values for one geometry or several.
+
+    Returns one Prediction a geometry. Raises InputError where the solver cannot do the scene or a geometry, or where its result is not finite.
+
+    >>> import layerfit as lf
+    >>> skin = lf.HalfSpace("skin", sigma_a=0.01, sigma_s_prime=1, n=1.4)
+    >>> lf.predict(lf.Stack([skin]), lf.SpatialFrequency(fx=[0, 0.1, 0.2]))[0].values.round(4)
+    array([0.6002, 0.2895, 0.1384])
+    """
+    geometries = [geometries] if isinstance(geometries, Geometry) else list(geometries)
+    solver = Auto() if solver is None else solver
+    for geometry in geometries:
+        solver.check(stack, geometry)
+    notes = [solver.notes(stack, geometry) for geometry in geometries]
+    chosen = solver.resolve(stack, geometries)
+    columns = to_columns(stack)
+    forward = chosen.forward(Domain(stack, columns, columns), geometries, [(0.0, 0.0)] * len(geometries))
+    values = [np.asarray(v) for v in (_call(forward, columns) if forward.differentiable else forward(columns))]
+    for geometry, value in zip(geometries, values, strict=True):
+        if not np.all(np.isfinite(value)):
+            raise InputError(f"solver {chosen.name}: {geometry.kind} is not finite for {stack!r}; another solver may do")
+    errors = forward.error(columns)
+    return [Prediction(*row) for row in zip(geometries, values, errors, [chosen] * len(values), notes, strict=True)]

@@ -1,0 +1,115 @@
+"""Files that keep a result. Each appears whole or not at all."""
+
+import json
+import math
+import os
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..measurement.geometry import Geometry, SpatialFrequency, value_unit
+from ..predict import Prediction
+from .html import fit_report, svg
+from .plots import plot_fit
+from .tables import versions
+
+if TYPE_CHECKING:
+    from ..inference.fit import Fit
+
+
+def writable_folder(folder: Any) -> Path:
+    """The folder, made if it is not there. Raises InputError where nothing can be written into it."""
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise InputError(f"{folder}: cannot write into this folder ({error.strerror}); give another") from None
+    return folder
+
+
+def write(path: Any, content: str | bytes) -> Path:
+    """Write a file through a temporary one beside it, so that it is never half there. Raises InputError where that cannot be done."""
+    path = Path(path)
+    try:
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        with os.fdopen(handle, "wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+    return path
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None
+
+
+def fit_dict(fit: "Fit") -> dict[str, Any]:
+    """A fit as plain numbers and texts, physical units, null where there is no number."""
+    return {
+        "outcome": fit.outcome.value,
+        "chi2_reduced": _finite(fit.chi2_reduced),
+        "solver": fit.problem.chosen.name,
+        "parameters": {
+            name: {"value": p.value, "stderr": _finite(p.stderr), "unit": p.unit, "at_bound": p.at_bound} for name, p in fit.parameters.items()
+        },
+        "covariance": fit.covariance.tolist(),
+        "warnings": list(fit.warnings),
+        "chi2": _finite(fit.chi2),
+        "degrees_of_freedom": fit.dof,
+        "estimated_relative_noise": fit.noise,
+        "settings": {
+            "solver": repr(fit.problem.chosen),
+            "guess": repr(fit.problem.stack),
+            "free": {p.name: {"min": p.low, "max": p.high, "init": p.init, "scale": p.scale} for p in fit.problem.parameters},
+            "ties": {tie.name: {"to": tie.source, "factor": tie.factor} for tie in fit.problem.ties},
+        },
+        "stack": repr(fit.stack),
+        "starts": [{"chi2": _finite(s.chi2), "steps": s.steps, "outcome": s.outcome.value} for s in fit.starts],
+        "seconds": fit.seconds,
+        "versions": versions(),
+    }
+
+
+def save_fit(fit: "Fit", folder: Any, *, title: str = "layerfit") -> dict[str, Path]:
+    """fit.json, report.html, fit.svg and one CSV of the fitted curve a dataset; returns the paths by file name."""
+    folder = writable_folder(folder)
+    files = {"fit.json": json.dumps(fit_dict(fit), indent=1, allow_nan=False), "fit.svg": svg(plot_fit(fit))}
+    for dataset, predicted, residuals in zip(fit.problem.data, fit.predictions, fit.residuals, strict=True):
+        unit = value_unit(dataset.geometry)
+        sd = dataset.sd if dataset.sd is not None else (fit.noise or 0.0) * np.abs(dataset.values)
+        columns = {f"value [{unit}]": dataset.values, f"sd [{unit}]": sd, f"fit [{unit}]": predicted, "residual [1]": -residuals}
+        files[f"curve_{dataset.name}.csv"] = _csv(dataset.geometry, columns)
+    files["report.html"] = fit_report(fit, files["fit.svg"], title=title)
+    return {name: write(folder / name, content) for name, content in files.items()}
+
+
+def _csv(geometry: Geometry, columns: dict[str, np.ndarray]) -> str:
+    unit = "rad/mm" if isinstance(geometry, SpatialFrequency) else "mm"
+    table = {f"{name} [{unit}]": values for name, values in geometry.places().items()} | columns
+    rows = zip(*table.values(), strict=True)
+    return "\n".join([", ".join(table), *(", ".join(f"{v:.10g}" for v in row) for row in rows)]) + "\n"
+
+
+def data_csv(geometry: Geometry, values: np.ndarray, sd: np.ndarray | None) -> str:
+    """Values in the data file format."""
+    unit = value_unit(geometry)
+    return _csv(geometry, {f"value [{unit}]": values} | ({} if sd is None else {f"sd [{unit}]": sd}))
+
+
+def prediction_dict(solver: str, named: list[tuple[str, Prediction]]) -> dict[str, Any]:
+    """Predictions as plain numbers: value and estimated_error are lists of equal length, the error null where unknown."""
+    rename = {"r": "x", "k": "x", "r_min": "x_min", "r_max": "x_max"}
+    measurements = []
+    for name, p in named:
+        errors = [None] * len(p.values) if p.estimated_error is None else [_finite(float(e)) for e in p.estimated_error]
+        places = {rename[key]: place.tolist() for key, place in p.geometry.places().items()}
+        measurements.append({"name": name, "kind": p.geometry.kind, **places, "value": p.values.tolist(), "estimated_error": errors})
+    notes = list(dict.fromkeys(note for _, p in named for note in p.notes))
+    return {"solver": solver, "measurements": measurements, "notes": notes}

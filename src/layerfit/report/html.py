@@ -1,0 +1,57 @@
+"""The HTML report: one file, nothing fetched, everything escaped."""
+
+import io
+from datetime import datetime
+from typing import TYPE_CHECKING, Any
+
+import jinja2
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from ..scene.drawing import stack_svg
+from .tables import derived_rows, parameter_rows, versions
+
+if TYPE_CHECKING:
+    from ..inference.fit import Fit
+
+
+def _environment() -> jinja2.Environment:
+    return jinja2.Environment(
+        loader=jinja2.PackageLoader("layerfit.report"), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+
+
+def svg(figure: Figure) -> str:
+    """A figure as SVG text."""
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None})
+    text = buffer.getvalue()
+    return text[text.index("<svg") :]
+
+
+def _content(fit: "Fit") -> dict[str, Any]:
+    return {
+        "fit": fit,
+        "drawing": Markup(stack_svg(fit.stack)),  # escapes its own text
+        "parameters": parameter_rows(fit),
+        "derived": derived_rows(fit),
+        "versions": versions(),
+        "solver": fit.problem.chosen,
+    }
+
+
+def fit_report(fit: "Fit", curve: str, *, title: str = "layerfit") -> str:
+    """The whole report as one HTML page that opens offline; curve is the figure of data and fit, from `svg`."""
+    now = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
+    figure = Markup(curve)  # matplotlib escapes its own text
+    return _environment().get_template("report.html").render(title=title, now=now, curve=figure, correlation=_shaded(fit), **_content(fit))
+
+
+def _shaded(fit: "Fit") -> list[list[tuple[str, str]]]:
+    """Correlations as text and background colour: red for +1, blue for -1."""
+    return [[(f"{c:+.2f}", f"rgba({'192,57,43' if c > 0 else '31,78,121'},{0.75 * abs(c):.2f})") for c in row] for row in fit.correlation]
+
+
+def fit_fragment(fit: "Fit") -> str:
+    """The tables of a fit and its stack, for a notebook."""
+    return _environment().get_template("fragment.html").render(**_content(fit))

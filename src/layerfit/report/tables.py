@@ -1,0 +1,103 @@
+"""Tables: numbers with their uncertainty, derived quantities, settings and versions."""
+
+import math
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from ..arrays import AnyArray
+from ..inference.model import Scene
+
+if TYPE_CHECKING:
+    from ..inference.fit import Fit
+
+_PACKAGES = ("layerfit", "jax", "equinox", "optimistix", "lineax", "numpy", "scipy")
+
+
+def with_uncertainty(value: float, sd: float | None) -> str:
+    """A number with as many digits as its standard deviation carries: 0.0203 ± 0.0012.
+
+    >>> with_uncertainty(0.020312, 0.00118), with_uncertainty(1.5, None)
+    ('0.0203 ± 0.0012', '1.5')
+    """
+    if sd is None or not math.isfinite(sd) or sd <= 0:
+        return f"{value:.5g}"
+    digits = 1 - math.floor(math.log10(sd))
+    if digits > 12 or abs(value) > 1e6 or digits < -6:
+        return f"{value:.6g} ± {sd:.2g}"
+    shown = max(digits, 0)
+    return f"{round(value, digits):.{shown}f} ± {round(sd, digits):.{shown}f}"
+
+
+def parameter_rows(fit: "Fit") -> list[dict[str, str]]:
+    """One row a free number, as text."""
+    rows = []
+    for parameter, (name, estimate) in zip(fit.problem.parameters, fit.parameters.items(), strict=True):
+        note = "at its bound" if estimate.at_bound else ""
+        index = fit.problem.names.index(name)
+        if not note and fit.uncertainty.undetermined[index]:
+            note = "not determined"
+        rows.append(
+            {
+                "name": name,
+                "value": with_uncertainty(estimate.value, estimate.stderr),
+                "unit": estimate.unit,
+                "bounds": f"{parameter.low:g} to {parameter.high:g}",
+                "note": note,
+            }
+        )
+    return rows
+
+
+def derived_rows(fit: "Fit") -> list[dict[str, str]]:
+    """For each layer mu_eff = sqrt(3 sigma_a sigma_t'), penetration depth 1/mu_eff, transport mean free path 1/sigma_t', albedo sigma_s'/sigma_t'.
+
+    Uncertainties by linear propagation of the covariance.
+    """
+    values, slopes = (np.asarray(a) for a in _derived(fit.problem.model.scene, fit.x))
+    sd = np.sqrt(np.maximum(np.einsum("qlp,pr,qlr->ql", slopes, fit.covariance, slopes), 0.0))
+    keys = ("mu_eff", "penetration", "mfp", "albedo")
+    return [
+        {"layer": layer.name} | {key: with_uncertainty(float(values[q, i]), float(sd[q, i]) or None) for q, key in enumerate(keys)}
+        for i, layer in enumerate(fit.stack.layers)
+    ]
+
+
+@eqx.filter_jit
+def _derived(scene: Scene, x: Float[AnyArray, "p"]) -> tuple[Float[Array, "q layers"], Float[Array, "q layers p"]]:
+    """The derived quantities and their slopes."""
+
+    def quantities(x: Float[Array, "p"]) -> Float[Array, "q layers"]:
+        columns = scene.columns(x)
+        mu_eff = jnp.sqrt(3.0 * columns.sigma_a * columns.sigma_t_prime + 1e-300)
+        return jnp.stack([mu_eff, 1.0 / mu_eff, 1.0 / columns.sigma_t_prime, columns.sigma_s_prime / columns.sigma_t_prime])
+
+    return quantities(x), jax.jacfwd(quantities)(x)
+
+
+def versions() -> dict[str, str]:
+    """Versions of everything that decides a result."""
+    found = {"python": platform.python_version()}
+    for package in _PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "not installed"
+    return found
+
+
+def fit_text(fit: "Fit") -> str:
+    """A fit as plain text."""
+    rows = parameter_rows(fit)
+    widths = {key: max(len(row[key]) for row in rows) for key in ("name", "value", "unit")}
+    lines = [f"{fit.outcome.value}: chi-square {fit.chi2:.4g}, {fit.dof} degrees of freedom, solver {fit.problem.chosen.name}"]
+    for row in rows:
+        lines.append(f"  {row['name']:<{widths['name']}}  {row['value']:<{widths['value']}}  {row['unit']:<{widths['unit']}}  {row['note']}".rstrip())
+    return "\n".join([*lines, *(f"  ! {warning}" for warning in fit.warnings)])

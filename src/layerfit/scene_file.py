@@ -1,0 +1,312 @@
+"""The scene file: a TOML description of the sample, the measurements and the fit."""
+
+import difflib
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from .errors import InputError
+from .measurement.csv_file import Table, dataset_from_table, geometry_from_table, read_table
+from .measurement.dataset import Dataset, Noise
+from .measurement.geometry import GEOMETRIES, Geometry, Radial, SpatialFrequency, Total, TotalReflectance
+from .measurement.source import SOURCES, Detector, Source
+from .scene.layer import HalfSpace, Layer
+from .scene.stack import Stack
+from .solver import Solver, solver_by_name
+
+_LATER = ("angular_reflectance", "angular_transmittance")
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class _Surroundings(_Table):
+    n_above: float = Field(1.0, gt=0)
+    n_below: float = Field(1.0, gt=0)
+    roughness_below: float = Field(0.0, ge=0)
+
+
+class _Layer(_Table):
+    name: str | None = Field(None, min_length=1)
+    sigma_a: float = Field(ge=0)
+    sigma_s: float | None = Field(None, ge=0)
+    sigma_s_prime: float | None = Field(None, ge=0)
+    g: float | None = Field(None, ge=-1, lt=1)
+    n: float = Field(gt=0)
+    thickness: float | None = Field(None, gt=0)
+    roughness: float = Field(0.0, ge=0)
+
+
+class _Source(_Table):
+    kind: str
+    radius: float | None = Field(None, gt=0)
+
+
+class _Detector(_Table):
+    radius: float = Field(0.0, ge=0)
+    na: float = Field(1.0, gt=0)
+
+
+class _Noise(_Table):
+    relative: float = Field(0.0, ge=0)
+    absolute: float = Field(0.0, ge=0)
+
+
+class _Measurement(_Table):
+    name: str | None = Field(None, min_length=1)
+    kind: str
+    file: str | None = None
+    x: list[float] | None = None
+    x_min: list[float] | None = None
+    x_max: list[float] | None = None
+    value: float | None = None
+    sd: float | None = Field(None, gt=0)
+    specular: Literal["included", "excluded"] | None = None
+    incidence: str | float | None = None
+    azimuth: float | None = None
+    source: _Source | None = None
+    detector: _Detector | None = None
+    noise: _Noise | None = None
+
+
+class _Fit(_Table):
+    solver: str = "auto"
+    free: dict[str, Any] = Field(default_factory=dict)
+    ties: dict[str, Any] = Field(default_factory=dict)
+    starts: int = Field(8, ge=1)
+    seed: int = Field(0, ge=0)
+
+
+class _Scene(_Table):
+    scene: _Surroundings = _Surroundings()  # pyright: ignore[reportCallIssue]
+    layer: list[_Layer] = Field(min_length=1)
+    measurement: list[_Measurement] = Field(default_factory=list)
+    fit: _Fit = _Fit()  # pyright: ignore[reportCallIssue]
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One [[measurement]]: where to predict, and the data if there are any."""
+
+    name: str
+    geometry: Geometry
+    dataset: Dataset | None
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """A scene file as objects."""
+
+    path: Path
+    stack: Stack
+    measurements: tuple[Measurement, ...]
+    solver_name: str
+    free: Mapping[str, Any]
+    ties: Mapping[str, Any]
+    starts: int
+    seed: int
+
+    def solver(self, name: str | None = None) -> Solver:
+        """The solver named on the command line, or in the file."""
+        return solver_by_name(self.solver_name if name is None else name)
+
+    def datasets(self) -> list[Dataset]:
+        """All data. Raises InputError where a measurement has none."""
+        lacking = next((m for m in self.measurements if m.dataset is None), None)
+        if lacking is not None:
+            raise InputError(
+                f"{self.path}: measurement '{lacking.name}' has no values; a fit needs a file with a column 'value' (or value, for a total)"
+            )
+        return [m.dataset for m in self.measurements if m.dataset is not None]
+
+
+def read_scene(path: str | Path) -> SceneFile:
+    """Read a scene file. Relative paths in it are relative to it.
+
+    Raises InputError naming the file and the key of what is wrong, what was given and what is allowed.
+    """
+    path = Path(path)
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as text ({type(error).__name__})") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: not TOML: {error}") from None
+    try:
+        scene = _Scene.model_validate(content)
+    except ValidationError as error:
+        raise InputError(f"{path}: {_message(error, content)}") from None
+    try:
+        stack = _stack(scene)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    if not scene.measurement:
+        raise InputError(f"{path}: there is no [[measurement]]; allowed is one or more")
+    measurements = tuple(_measurement(path, i, m) for i, m in enumerate(scene.measurement, 1))
+    names = [m.name for m in measurements]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"{path}: measurement name '{name}' is used {names.count(name)} times; each needs its own")
+    fit = scene.fit
+    return SceneFile(path, stack, measurements, fit.solver, fit.free, fit.ties, fit.starts, fit.seed)
+
+
+def _stack(scene: _Scene) -> Stack:
+    layers: list[Layer | HalfSpace] = []
+    for i, table in enumerate(scene.layer, 1):
+        values = table.model_dump(exclude={"name", "thickness"})
+        name = table.name or f"layer{i}"
+        if table.thickness is not None:
+            layers.append(Layer(name, thickness=table.thickness, **values))
+        elif i == len(scene.layer):
+            layers.append(HalfSpace(name, **values))
+        else:
+            raise InputError(
+                f"[[layer]] {i} ('{name}') has no thickness, which makes it a half space, but it is not the last layer; give it a thickness above 0"
+            )
+    return Stack(layers, **scene.scene.model_dump())
+
+
+def _measurement(path: Path, number: int, table: _Measurement) -> Measurement:
+    name = table.name or ("measurement" if number == 1 else f"measurement{number}")
+    where = f"{path}: [[measurement]] {number} ('{name}')"
+    try:
+        return _measurement_at(path, name, table)
+    except InputError as error:
+        text = str(error)
+        raise InputError(text if text.startswith(str(path.parent)) and ".csv" in text else f"{where}: {text}") from None
+
+
+def _measurement_at(path: Path, name: str, table: _Measurement) -> Measurement:
+    if table.kind in _LATER:
+        raise InputError(f"kind = '{table.kind}': no solver of this version predicts it; allowed now: {', '.join(GEOMETRIES)}")
+    if table.kind not in GEOMETRIES:
+        raise InputError(f"kind = '{table.kind}'; allowed: {', '.join(GEOMETRIES)}{_closest(table.kind, GEOMETRIES)}")
+    cls = GEOMETRIES[table.kind]
+    _check_keys(table, cls)
+    noise = Noise(table.noise.relative, table.noise.absolute) if table.noise else None
+    source = _source(table.source) if table.source else None
+    detector = Detector(table.detector.radius, table.detector.na) if table.detector else None
+    options: dict[str, Any] = {}
+    if issubclass(cls, Total):
+        options["incidence"] = table.incidence if table.incidence is not None else "normal"
+    if cls is TotalReflectance:
+        options["specular"] = table.specular or "excluded"
+    if table.file is not None:
+        data: Table = read_table(path.parent / table.file)
+        geometry = geometry_from_table(data, table.kind, source=source, detector=detector, **options)
+        dataset = dataset_from_table(data, geometry, noise=noise, name=name) if "value" in data.columns else None
+        return Measurement(name, geometry, dataset)
+    geometry = _inline(table, cls, source, detector, options)
+    dataset = None
+    if table.value is not None:
+        dataset = Dataset(geometry, [table.value], None if table.sd is None else [table.sd], noise=noise if table.sd is None else None, name=name)
+    return Measurement(name, geometry, dataset)
+
+
+def _check_keys(table: _Measurement, cls: type[Geometry]) -> None:
+    """Keys that this kind of measurement does not know."""
+    given = {key for key, value in table.model_dump().items() if value is not None}
+    known = {"name", "kind", "file", "noise"}
+    if issubclass(cls, Total):
+        known |= {"value", "sd", "incidence"} | ({"specular"} if cls is TotalReflectance else set())
+    elif cls is SpatialFrequency:
+        known |= {"x"}
+    else:
+        known |= {"x", "x_min", "x_max", "source", "detector"}
+        if table.incidence in ("normal", 0, 0.0):
+            known |= {"incidence"}
+    for key in sorted(given - known):
+        raise InputError(f"key '{key}' has no meaning for kind '{table.kind}'; allowed: {', '.join(sorted(known))}")
+    places = given & {"file", "x", "x_min", "x_max"}
+    if places not in ({"file"}, {"x"}, {"x_min", "x_max"}) and not (issubclass(cls, Total) and places <= {"file"}):
+        raise InputError(f"{' and '.join(sorted(places)) or 'nothing'} says where it was measured; allowed is one of file, x, or x_min with x_max")
+    if "file" in given and given & {"value", "sd"}:
+        raise InputError("value or sd beside a file; allowed is one of them")
+    if "sd" in given and "value" not in given:
+        raise InputError("sd without a value")
+
+
+def _inline(table: _Measurement, cls: type[Geometry], source: Source | None, detector: Detector | None, options: dict[str, Any]) -> Geometry:
+    if issubclass(cls, Radial):
+        if table.x is not None:
+            return cls(table.x, source=source, detector=detector)
+        return cls(r_min=table.x_min, r_max=table.x_max, source=source, detector=detector)
+    if issubclass(cls, SpatialFrequency):
+        return cls(table.x)
+    return cls(**options)
+
+
+def _source(table: _Source) -> Source:
+    if table.kind not in SOURCES:
+        raise InputError(f"source kind = '{table.kind}'; allowed: {', '.join(SOURCES)}{_closest(table.kind, SOURCES)}")
+    needs_radius = table.kind in ("disk", "gaussian")
+    if needs_radius != (table.radius is not None):
+        raise InputError(f"source kind '{table.kind}' {'needs a radius [mm]' if needs_radius else 'has no radius'}")
+    cls: Any = SOURCES[table.kind]
+    return cls(table.radius) if needs_radius else cls()
+
+
+def _closest(word: str, known: Any) -> str:
+    match = difflib.get_close_matches(word, list(known), 1)
+    return f"; did you mean {match[0]}?" if match else ""
+
+
+_ALLOWED = {
+    "greater_than": "above {gt:g}",
+    "greater_than_equal": "at least {ge:g}",
+    "less_than": "below {lt:g}",
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "finite_number": "a finite number",
+    "string_type": "a text",
+    "string_too_short": "a text that is not empty",
+    "list_type": "a list",
+    "dict_type": "a table",
+    "model_type": "a table",
+    "literal_error": "{expected}",
+}
+
+
+def _message(error: ValidationError, content: dict[str, Any]) -> str:
+    """The first thing wrong, in one line."""
+    first = error.errors(include_url=False)[0]
+    path = list(first["loc"])
+    if first["type"] == "missing":
+        return f"{_where(path[:-1], content)}: {path[-1]} is missing" if len(path) > 1 else f"there is no [[{path[-1]}]]; allowed is one or more"
+    if first["type"] == "extra_forbidden":
+        model: Any = _Scene
+        for step in path[:-1]:
+            model = model if isinstance(step, int) else _submodel(model, step)
+        known = list(model.model_fields)
+        return f"{_where(path[:-1], content)}: unknown key '{path[-1]}'; allowed: {', '.join(known)}{_closest(str(path[-1]), known)}"
+    if first["type"] == "too_short":
+        return f"[[{path[0]}]] is empty; allowed is one or more"
+    keys = [p for p in path if p not in ("str", "float")]  # branches of a union are no keys
+    allowed = _ALLOWED.get(first["type"], first["msg"]).format(**first.get("ctx", {}))
+    return f"{_where(keys[:-1], content)}: {keys[-1]} = {first['input']!r}; allowed is {allowed}"
+
+
+def _submodel(model: Any, field: str) -> Any:
+    annotation = model.model_fields[field].annotation
+    while not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
+        annotation = next(a for a in annotation.__args__ if a is not type(None))
+    return annotation
+
+
+def _where(path: list[Any], content: dict[str, Any]) -> str:
+    """[[layer]] 2 ('dermis'), [scene], [fit] ..."""
+    if not path:
+        return "top level"
+    if len(path) > 1 and isinstance(path[1], int):
+        name = content[path[0]][path[1]].get("name") if isinstance(content[path[0]][path[1]], dict) else None
+        rest = "".join(f", {p}" for p in path[2:])
+        return f"[[{path[0]}]] {path[1] + 1}{f' ({name!r})' if name else ''}{rest}"
+    return f"[{'.'.join(map(str, path))}]"

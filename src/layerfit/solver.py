@@ -1,0 +1,84 @@
+"""The interface every solver fulfils, and the solvers by name.
+
+A solver is a value that is passed. It says what it cannot do (`check`), what is to be kept in mind (`notes`), and turns a family of stacks
+and a list of geometries into a `Forward`, in which everything that does not depend on the numbers of the stack is already done.
+"""
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Any, ClassVar
+
+import equinox as eqx
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from .errors import InputError
+from .measurement.geometry import Geometry
+from .scene.columns import Columns
+from .scene.stack import Stack
+
+
+class Domain(eqx.Module):
+    """The stacks a forward model must serve: one, or all within the bounds of a fit.
+
+    low, high : for each column the smallest and the largest value.
+    """
+
+    stack: Stack
+    low: Columns
+    high: Columns
+
+
+class Forward(eqx.Module):
+    """A forward model for fixed geometries: a function of the columns alone."""
+
+    differentiable: ClassVar[bool] = True
+
+    @abstractmethod
+    def __call__(self, columns: Columns, shifts: Sequence[Float[Array, ""] | None] | None = None) -> tuple[Array, ...]:
+        """Predicted values, one array a geometry. shifts: for each geometry an offset of its distances [mm], or None."""
+
+    def error(self, columns: Columns) -> tuple[np.ndarray | None, ...]:
+        """Estimated absolute error of each value (the method's included), None where it is unknown."""
+        return tuple(None for _ in self(columns))
+
+
+class Solver(eqx.Module):
+    """How a measurement is predicted from a stack."""
+
+    name: ClassVar[str]
+    references: ClassVar[tuple[str, ...]] = ()
+
+    def resolve(self, stack: Stack, geometries: Sequence[Geometry]) -> "Solver":
+        """The solver that will run; only a solver that chooses returns another than itself."""
+        return self
+
+    @abstractmethod
+    def check(self, stack: Stack, geometry: Geometry) -> None:
+        """Raise InputError for a scene or geometry outside what the solver can do."""
+
+    def notes(self, stack: Stack, geometry: Geometry) -> tuple[str, ...]:
+        """Sentences a user should read beside the result."""
+        return ()
+
+    @abstractmethod
+    def forward(self, domain: Domain, geometries: Sequence[Geometry], shifts: Sequence[tuple[float, float]]) -> Forward:
+        """A forward model for all stacks of the domain. shifts: range of the offset of each geometry's distances [mm]."""
+
+
+_SOLVERS = {
+    "auto": "layerfit.transport.auto:Auto",
+    "dipole": "layerfit.transport.multipole:Dipole",
+    "multipole": "layerfit.transport.multipole:Multipole",
+    "layered-diffusion": "layerfit.transport.layered_diffusion:LayeredDiffusion",
+}
+
+
+def solver_by_name(name: str, **settings: Any) -> Solver:
+    """A solver from its name in a scene file. Raises InputError for a name that does not exist."""
+    if name not in _SOLVERS:
+        raise InputError(f"solver '{name}' does not exist; allowed: {', '.join(_SOLVERS)}")
+    module, cls = _SOLVERS[name].split(":")
+    return getattr(import_module(module), cls)(**settings)

@@ -1,0 +1,165 @@
+"""Forward models of solvers that answer in spatial frequency.
+
+A solver gives the spectrum of what leaves one side; every kind of measurement is a linear functional of it: the spectrum itself at given
+frequencies, its value at 0 (a total), or its Hankel transform (see `optics.hankel`).
+"""
+
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from ..arrays import AnyArray
+from ..measurement.geometry import Geometry, Radial, SpatialFrequency, TotalReflectance
+from ..measurement.source import Pencil
+from ..optics.hankel import Span, quadrature
+from ..scene.columns import Columns
+from ..solver import Domain, Forward, Solver
+from .images import Images
+
+_SHIFT_NODES = 14  # Chebyshev nodes over the range of a free offset of r
+
+
+class Spectrum(eqx.Module):
+    """What leaves one side, per unit incident power, at the frequencies asked for.
+
+    diffuse : scattered light. unscattered : light of the beam that was never scattered, the same at all frequencies (the first-surface
+    reflection not in it). specular : the first-surface reflection.
+    """
+
+    diffuse: Float[Array, "k"]
+    unscattered: Float[Array, ""]
+    specular: Float[Array, ""]
+
+
+class SpectralSolver(Solver):
+    """A solver that gives spectra."""
+
+    @abstractmethod
+    def spectrum(self, columns: Columns, k: Float[Array, "k"], geometry: Geometry, *, without_images: bool = False) -> Spectrum:
+        """What a geometry's side sends out, for a pencil beam (or at k = 0 its incidence), collected as the geometry's detector does.
+
+        without_images : the diffuse part is to lack that of `images`.
+        """
+
+    @abstractmethod
+    def span(self, domain: Domain) -> Span:
+        """The spatial frequencies that all stacks of the domain need."""
+
+    def images(self, columns: Columns, geometry: Geometry) -> Images | None:
+        """The part of the spectrum that falls off most slowly, where it has a closed form in r (None: none is taken out)."""
+        return None
+
+    def forward(self, domain: Domain, geometries: Sequence[Geometry], shifts: Sequence[tuple[float, float]]) -> Forward:
+        plans = [_plan(self, domain, geometry, shift) for geometry, shift in zip(geometries, shifts, strict=True)]
+        return SpectralForward(self, tuple(geometries), tuple(plans))
+
+
+Numbers = TypeVar("Numbers")
+
+
+def by_frequency(function: Callable[[Numbers, Float[Array, "*k"]], Float[Array, "*k"]], numbers: Numbers, k: Float[Array, "k"]) -> Float[Array, "k"]:
+    """function(numbers, k) where every frequency stands alone, with a derivative rule that makes use of it.
+
+    Each value depends on a handful of numbers (the leaves, all scalars), so its gradient is taken in reverse, at all frequencies side by side,
+    and once, however many directions are asked for afterwards: a Jacobian costs a few evaluations. k itself is a constant.
+    """
+    leaves, structure = jax.tree.flatten(numbers)
+
+    def scalar_function(leaves: list[Float[Array, ""]], k: Float[Array, "*k"]) -> Float[Array, "*k"]:
+        return function(jax.tree.unflatten(structure, leaves), k)
+
+    @jax.custom_jvp
+    def evaluate(leaves: list[Float[Array, ""]], k: Float[Array, "k"]) -> Float[Array, "k"]:
+        return scalar_function(leaves, k)
+
+    @evaluate.defjvp
+    def rule(primals, tangents):
+        leaves, k = primals
+        value, gradient = jax.vmap(jax.value_and_grad(scalar_function), in_axes=(None, 0))(leaves, k)
+        return value, sum((g * t for g, t in zip(gradient, tangents[0], strict=True)), jnp.zeros_like(value))
+
+    return evaluate(leaves, jax.lax.stop_gradient(k))
+
+
+class _Plan(eqx.Module):
+    """values = weights @ diffuse(k) + direct unscattered; with a free offset one set of weights for each Chebyshev node."""
+
+    k: Float[AnyArray, "k"]
+    weights: Float[AnyArray, "..."]
+    direct: Float[AnyArray, "..."]
+    nodes: Float[AnyArray, "c"] | None
+    barycentric: Float[AnyArray, "c"] | None
+
+
+def _plan(solver: SpectralSolver, domain: Domain, geometry: Geometry, shift: tuple[float, float]) -> _Plan:
+    if isinstance(geometry, SpatialFrequency):
+        return _Plan(geometry.k, np.eye(geometry.size), np.ones(geometry.size), None, None)
+    if not isinstance(geometry, Radial):
+        return _Plan(np.zeros(1), np.ones((1, 1)), np.ones(1), None, None)
+    span = solver.span(domain)
+    low, high = shift
+    if low == high:
+        moved = geometry if low == 0.0 else geometry.shifted(low)
+        rule = quadrature(moved.kernel(), span)
+        return _Plan(rule.k, rule.weights, moved.direct(), None, None)
+    angle = np.pi * (np.arange(_SHIFT_NODES) + 0.5) / _SHIFT_NODES
+    nodes = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(angle)
+    # one common set of panels for all nodes: that of the largest distances
+    far = geometry.shifted(high)
+    rules = [quadrature(geometry.shifted(float(t)).kernel(), span, r_max=_reach(far)) for t in nodes]
+    return _Plan(
+        rules[0].k,
+        np.stack([rule.weights for rule in rules]),
+        np.stack([geometry.shifted(float(t)).direct() for t in nodes]),
+        nodes,
+        (-1.0) ** np.arange(_SHIFT_NODES) * np.sin(angle),
+    )
+
+
+def _reach(geometry: Radial) -> float:
+    return max(float(np.max(np.abs(values))) for values in geometry.places().values())
+
+
+class SpectralForward(Forward):
+    """See `Forward`."""
+
+    solver: SpectralSolver
+    geometries: tuple[Geometry, ...]
+    plans: tuple[_Plan, ...]
+
+    def __call__(self, columns: Columns, shifts: Sequence[Float[Array, ""] | None] | None = None) -> tuple[Array, ...]:
+        shifts = [None] * len(self.plans) if shifts is None else shifts
+        return tuple(self._one(columns, geometry, plan, shift) for geometry, plan, shift in zip(self.geometries, self.plans, shifts, strict=True))
+
+    def _one(self, columns: Columns, geometry: Geometry, plan: _Plan, shift: Float[Array, ""] | None) -> Float[Array, "values"]:
+        images = self.solver.images(columns, geometry) if _images_apply(geometry) and plan.nodes is None else None
+        spectrum = self.solver.spectrum(columns, plan.k, geometry, without_images=images is not None)
+        values = plan.weights @ spectrum.diffuse + plan.direct * spectrum.unscattered
+        if plan.nodes is not None:
+            assert plan.barycentric is not None and shift is not None
+            values = _barycentric(shift, plan.nodes, plan.barycentric) @ values
+        if images is not None:
+            values = values + images.profile(geometry)
+        if isinstance(geometry, TotalReflectance) and geometry.specular == "included":
+            values = values + spectrum.specular
+        return values
+
+
+def _images_apply(geometry: Geometry) -> bool:
+    """Images have a closed form under a pencil, at points and in rings."""
+    return isinstance(geometry, Radial) and isinstance(geometry.source, Pencil) and geometry.detector.radius == 0.0
+
+
+def _barycentric(x: Float[Array, ""], nodes: Float[Array, "c"], weights: Float[Array, "c"]) -> Float[Array, "c"]:
+    """Values of the Lagrange polynomials at x."""
+    gap = x - nodes
+    gap = jnp.where(jnp.abs(gap) < 1e-14, 1e-14, gap)
+    terms = weights / gap
+    return terms / jnp.sum(terms)
