@@ -51,5 +51,5 @@ def predict(stack: Stack, geometries: Geometry | Sequence[Geometry], *, solver: 
     for geometry, value in zip(geometries, values, strict=True):
         if not np.all(np.isfinite(value)):
             raise InputError(f"solver {chosen.name}: {geometry.kind} is not finite for {stack!r}; another solver may do")
-    errors = forward.error(columns)
+    errors = forward.error(columns) or [None] * len(values)
     return [Prediction(*row) for row in zip(geometries, values, errors, [chosen] * len(values), notes, strict=True)]

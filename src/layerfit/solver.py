@@ -40,9 +40,9 @@ class Forward(eqx.Module):
     def __call__(self, columns: Columns, shifts: Sequence[Float[Array, ""] | None] | None = None) -> tuple[Array, ...]:
         """Predicted values, one array a geometry. shifts: for each geometry an offset of its distances [mm], or None."""
 
-    def error(self, columns: Columns) -> tuple[np.ndarray | None, ...]:
-        """Estimated absolute error of each value (the method's included), None where it is unknown."""
-        return tuple(None for _ in self(columns))
+    def error(self, columns: Columns) -> tuple[np.ndarray | None, ...] | None:
+        """Estimated absolute error of each value, the method's included, one array a geometry; None where it is unknown."""
+        return None
 
 
 class Solver(eqx.Module):

@@ -7,7 +7,6 @@ gain continuously (Nielsen 1999), which needs a third of the steps.
 """
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -134,4 +133,5 @@ def _descend(model: Model, u: Float[AnyArray, "p"], logarithmic: Float[AnyArray,
 
 
 # The older of XLA's two code generators compiles these many small loops in half the time, and they run as fast.
-descend: Callable[..., Descent] = partial(eqx.filter_jit, compiler_options={"xla_cpu_use_fusion_emitters": False})(_descend)
+_OPTIONS: dict[str, Any] = {"compiler_options": {"xla_cpu_use_fusion_emitters": False}}
+descend: Callable[..., Descent] = eqx.filter_jit(_descend, **_OPTIONS)

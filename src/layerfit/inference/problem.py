@@ -5,6 +5,7 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from ..errors import InputError
@@ -123,6 +124,6 @@ class Problem(eqx.Module):
         falling = np.array([p.name.endswith(".g") for p in self.parameters])
         corners = [scene.columns(x) for x in (low, high, np.where(falling, high, low), np.where(falling, low, high))]
 
-        smallest = jax.tree.map(lambda *c: np.min(c, axis=0), *corners)
-        largest = jax.tree.map(lambda *c: np.max(c, axis=0), *corners)
+        smallest = jax.tree.map(lambda *c: jnp.asarray(np.min(c, axis=0)), *corners)
+        largest = jax.tree.map(lambda *c: jnp.asarray(np.max(c, axis=0)), *corners)
         return Domain(self.stack, smallest, largest)

@@ -53,9 +53,8 @@ def uncertainty(parameters: Sequence[FreeParameter], x: np.ndarray, share: np.nd
             sd = np.sqrt(inner[position, position])
             stderr[index] = None if blind else float(sd * scale[index])
             undetermined[index] = bool(blind or not sd <= UNDETERMINED)
-        directions = [
-            _sentence([parameters[i] for i in free.tolist()], row, sd) for row, sd in zip(rows, spread, strict=True) if not sd <= UNDETERMINED
-        ]
+        inside = [parameters[i] for i in free.tolist()]
+        directions = [_sentence(inside, row, sd) for row, sd in zip(rows, spread, strict=True) if not sd <= UNDETERMINED]
     return Uncertainty(covariance, tuple(stderr), at_bound, tuple(undetermined), tuple(directions))
 
 

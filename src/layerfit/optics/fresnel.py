@@ -94,7 +94,7 @@ def mismatch(r1: Float[Array, "*s"], r2: Float[Array, "*s"]) -> Float[Array, "*s
 def egan_hilgeman(n: Float[Array, "*s"]) -> Float[Array, "*s"]:
     """Polynomial fit to the diffuse Fresnel reflectance R1, with the rounded coefficients of Donner & Jensen 2005, eq 7.
 
-    It is 0.0017 at n = 1, where the truth is 0; kept to reproduce published figures.
+    It is 0.0016 at n = 1, where the truth is 0; kept to reproduce published figures.
     """
     dense = -1.440 / n**2 + 0.710 / n + 0.668 + 0.0636 * n
     rare = -0.4399 + 0.7099 / n - 0.3319 / n**2 + 0.0636 / n**3

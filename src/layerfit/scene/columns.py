@@ -6,7 +6,6 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..arrays import AnyArray
 from ..errors import InputError
 from .layer import Layer
 from .stack import Stack
@@ -18,14 +17,14 @@ class Columns(eqx.Module):
     Axis names used in shapes everywhere: layers (N), finite (N, or N - 1 above a half space), faces (finite + 1).
     """
 
-    sigma_a: Float[AnyArray, "layers"]  # [1/mm]
-    sigma_s_prime: Float[AnyArray, "layers"]  # [1/mm]
-    g: Float[AnyArray, "layers"]  # 0 where unknown, see g_unknown
-    n: Float[AnyArray, "layers"]
-    thickness: Float[AnyArray, "finite"]  # [mm]
-    roughness: Float[AnyArray, "faces"]  # RMS slope, upper faces and then the lowest
-    n_above: Float[AnyArray, ""]
-    n_below: Float[AnyArray, ""]
+    sigma_a: Float[Array, "layers"]  # [1/mm]
+    sigma_s_prime: Float[Array, "layers"]  # [1/mm]
+    g: Float[Array, "layers"]  # 0 where unknown, see g_unknown
+    n: Float[Array, "layers"]
+    thickness: Float[Array, "finite"]  # [mm]
+    roughness: Float[Array, "faces"]  # RMS slope, upper faces and then the lowest
+    n_above: Float[Array, ""]
+    n_below: Float[Array, ""]
     half_space: bool = eqx.field(static=True)
     g_unknown: tuple[bool, ...] = eqx.field(static=True)  # layers written without g
     smooth: tuple[bool, ...] = eqx.field(static=True)  # faces that are known to be smooth: their cheaper formulas are used
@@ -35,7 +34,7 @@ class Columns(eqx.Module):
         return self.sigma_a.shape[0]
 
     @property
-    def sigma_t_prime(self) -> Float[AnyArray, "layers"]:
+    def sigma_t_prime(self) -> Float[Array, "layers"]:
         """Reduced extinction coefficient [1/mm]."""
         return self.sigma_a + self.sigma_s_prime
 
@@ -48,9 +47,9 @@ def to_columns(stack: Stack, *, rough_faces: tuple[bool, ...] | None = None) -> 
     faces = [layer.roughness for layer in stack.layers] + ([] if stack.half_space else [stack.roughness_below])
     smooth = tuple(not r for r in rough_faces) if rough_faces is not None else tuple(_is_zero(r) for r in faces)
 
-    def column(values: list) -> Float[AnyArray, "rows"]:
+    def column(values: list) -> Float[Array, "rows"]:
         if all(isinstance(v, float) for v in values):
-            return np.array(values, dtype=float)
+            return jnp.asarray(np.array(values, dtype=float))  # nothing to compile
         return jnp.stack([jnp.asarray(v, dtype=float) for v in values])
 
     layers = stack.layers
@@ -64,8 +63,8 @@ def to_columns(stack: Stack, *, rough_faces: tuple[bool, ...] | None = None) -> 
         n=column([layer.n for layer in layers]),
         thickness=column(finite),
         roughness=column(faces),
-        n_above=stack.n_above if isinstance(stack.n_above, Array) else np.asarray(stack.n_above, dtype=float),
-        n_below=stack.n_below if isinstance(stack.n_below, Array) else np.asarray(stack.n_below, dtype=float),
+        n_above=jnp.asarray(stack.n_above, dtype=float),
+        n_below=jnp.asarray(stack.n_below, dtype=float),
         half_space=stack.half_space,
         g_unknown=tuple(layer.g is None for layer in layers),
         smooth=smooth,

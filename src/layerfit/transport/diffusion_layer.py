@@ -100,20 +100,20 @@ def exponential_source_layer(
     return Response(R, R, T, T)
 
 
-def half_space_reflection(N: Float[Array, "*s"], q: Float[Array, "*s"]) -> Float[Array, "*s"]:
+def half_space_reflection(N: Float[Array, "*#s"], q: Float[Array, "*#s"]) -> Float[Array, "*s"]:
     """Diffuse reflection of a half space."""
     y = 2.0 * N * decay_rate(q)
     return (1.0 - y) / (1.0 + y)
 
 
-def half_space_emission(N: Float[Array, "*s"], q: Float[Array, "*s"], z: Float[Array, "*s"]) -> Float[Array, "*s"]:
+def half_space_emission(N: Float[Array, "*#s"], q: Float[Array, "*#s"], z: Float[Array, "*#s"]) -> Float[Array, "*s"]:
     """J- at the face of a half space from a plane source of strength 1 at depth z."""
     gamma = decay_rate(q)
     return jnp.exp(-gamma * z) / (1.0 + 2.0 * N * gamma)
 
 
 def half_space_exponential(
-    N: Float[Array, "*s"], q: Float[Array, "*s"], extinction: Float[Array, "*s"], scattering: Float[Array, "*s"]
+    N: Float[Array, "*#s"], q: Float[Array, "*#s"], extinction: Float[Array, "*#s"], scattering: Float[Array, "*#s"]
 ) -> Float[Array, "*s"]:
     """J- at the face of a half space fed by a beam that enters it with power 1."""
     gamma = decay_rate(q)

@@ -43,7 +43,8 @@ def slab_images(stack: Stack, *, pairs: int = 1000, from_below: bool = False, re
     sigma = decay_rate(slab.sigma_a / slab.D)
 
     def seen(height: Float[Array, "images"]) -> Images:
-        return Images(jnp.abs(height), 0.5 * slab.alpha * sign * jnp.sign(height), jnp.zeros_like(height), sigma)
+        side = jnp.where(height >= 0.0, 1.0, -1.0)  # a source in the face itself counts as below it
+        return Images(jnp.abs(height), 0.5 * slab.alpha * sign * side, jnp.zeros_like(height), sigma)
 
     return seen(z), seen(slab.d - z)
 

@@ -17,7 +17,7 @@ from ..scene.stack import Stack
 from ..solver import Domain
 from .diffusion_layer import decay_rate
 from .images import Images
-from .layered_diffusion import LayeredDiffusion, Scalars, _Numbers, first_medium
+from .layered_diffusion import LayeredDiffusion, Scalars, _Numbers, first_boundary, first_medium
 from .response import Beamed, between, compose, compose_all, excess_reflection, reflection
 
 
@@ -161,17 +161,20 @@ def spectral_fluence(
         return jnp.zeros_like(k)
     rest = compose(*below[:2])
     excess = excess_reflection(rest, reflection(below[2:]), reference)
-    lower, reference = reflection(below), rest.R_above + rest.T_up @ reference @ between(rest, reference)
-    down = between(upper, reference)
-    more_up = lower.bounce(upper.R_below) @ excess @ down
-    more_down = upper.R_below @ more_up
-    return 2.0 * (more_down.source + more_up.source)
+    lower, without = reflection(below), rest.R_above + rest.T_up @ reference @ between(rest, reference)
+    # what the true lower part sends up beyond the reference, and what of it the upper part returns
+    more_up = lower.bounce(upper.R_below) @ excess @ between(upper, without)
+    more = more_up + upper.R_below @ more_up
+    textbook = compose_all(_parts(solver, first_boundary(numbers), 0, z, k)[0])
+    down, down_textbook = between(upper, without), between(textbook, without)
+    change = (down + without @ down) - (down_textbook + without @ down_textbook)
+    return 2.0 * (more.source + change.source)
 
 
 def fluence_images(numbers: _Numbers, z: float) -> Images:
     """Fluence over n^2 at depth z in a half space of the first medium (extrapolated boundary, point source)."""
     strength, depth = numbers.down[0][0] * (1.0 - numbers.edge_beam[0]), numbers.down[1][0]
-    image = depth + z + 4.0 * numbers.edge_A[0] * numbers.edge_D[0]
+    image = depth + z + 4.0 * numbers.edge_A[0] * first_boundary(numbers).edge_D[0]
     fluence = 0.5 * strength / numbers.N[0] * jnp.array([1.0, -1.0])
     return Images(jnp.stack([jnp.abs(depth - z), image]), jnp.zeros(2), fluence, decay_rate(numbers.decay2[0]))
 

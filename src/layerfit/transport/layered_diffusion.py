@@ -1,5 +1,6 @@
 """Exact diffusion in N layers, at each spatial frequency."""
 
+from dataclasses import replace
 from typing import ClassVar, Literal, get_args
 
 import equinox as eqx
@@ -15,7 +16,7 @@ from ..measurement.geometry import Geometry, Radial, Total
 from ..optics.diffusion import DiffusionCoefficient, diffusion_coefficient, exponential_share, mean_optical_depth
 from ..optics.fresnel import reflectance
 from ..optics.hankel import Span
-from ..optics.special import tanhc
+from ..optics.special import expc, tanhc
 from ..scene.columns import Columns
 from ..scene.stack import Stack
 from ..solver import Domain
@@ -104,12 +105,15 @@ class LayeredDiffusion(SpectralSolver):
 
     def shares(self, columns: Columns) -> Float[Array, "layers"] | None:
         """Share of the exponential source in each layer; None where it is 0 everywhere by construction."""
+        if not self._spread(columns):
+            return None
         if self.source == "exponential":
             return jnp.ones_like(columns.g)
-        unknown = columns.g_unknown
-        if self.source == "point" or all(unknown):
-            return None
-        return jnp.where(jnp.asarray(unknown), 0.0, exponential_share(columns.g))
+        return jnp.where(jnp.asarray(columns.g_unknown), 0.0, exponential_share(columns.g))
+
+    def _spread(self, columns: Columns) -> bool:
+        """Whether part of the source follows the beam."""
+        return self.source == "exponential" or (self.source == "mixed" and not all(columns.g_unknown))
 
     def ratio(self, q: Float[Array, "*s"], A: Float[Array, ""], D: Float[Array, ""]) -> Float[Array, "*s"]:
         """phi/(2 J) at a face, J outward: A for the partial current, A tanh(gamma zb)/(gamma zb) for the extrapolated boundary."""
@@ -131,8 +135,11 @@ class LayeredDiffusion(SpectralSolver):
         zero = jnp.zeros_like(columns.sigma_a)
         fed = zero if share is None else share * columns.sigma_s_prime / cosines
         planes = _point_sources(columns, cosines, share) if self.source != "exponential" else ((zero, zero), (zero, zero))
+        # a point source stands for a beam that crosses the whole sample; reflections inside (a few 1e-4) would start beams it does not feed
+        inner = reflectance(cosines[:-1], columns.n[:-1] / columns.n[1:]) if self.source == "exponential" else zero[1:]
         outside = [(columns.n_above, 0, na_above)] + ([] if columns.half_space else [(columns.n_below, -1, na_below)])
         optics = [face(columns.n[i], n_outside, columns.roughness[i], smooth=columns.smooth[i], na=na) for n_outside, i, na in outside]
+        seen = [_seen_from_above(columns)] + ([] if columns.half_space else [_seen_from_below(columns)])
         edge_beams = [
             beam_reflectance(cosines[i], columns.n[i] / n_outside, columns.roughness[i], smooth=columns.smooth[i]) for n_outside, i, _ in outside
         ]
@@ -144,10 +151,11 @@ class LayeredDiffusion(SpectralSolver):
             fed=tuple(fed),
             down=(tuple(planes[0][0]), tuple(planes[0][1])),
             up=(tuple(planes[1][0]), tuple(planes[1][1])),
-            inner_beam=tuple(reflectance(cosines[:-1], columns.n[:-1] / columns.n[1:])),
+            inner_beam=tuple(inner),
             edge_beam=tuple(edge_beams),
             edge_A=tuple(o.A for o in optics),
-            edge_D=tuple(D[i] for _, i, _ in outside),
+            edge_D=tuple(jnp.sum(w * D) for w in seen),
+            edge_decay2=tuple(jnp.sum(w * columns.sigma_a) / jnp.sum(w * D) for w in seen),
             edge_n2=tuple(columns.n[i] ** 2 for _, i, _ in outside),
             exit_fluence=tuple(o.exit_fluence for o in optics),
             exit_flux=tuple(o.exit_flux for o in optics),
@@ -176,9 +184,8 @@ class LayeredDiffusion(SpectralSolver):
 
     def _face(self, numbers: "_Numbers", side: int, k: Float[Array, "*k"]) -> Response[Beamed]:
         """An outer face, light coming from outside first."""
-        i = 0 if side == 0 else -1
         A, n2 = numbers.edge_A[side], numbers.edge_n2[side]
-        ratio = self.ratio(k**2 + numbers.decay2[i], A, numbers.edge_D[side])
+        ratio = self.ratio(k**2 + numbers.edge_decay2[side], A, numbers.edge_D[side])
         inside = (ratio - n2) / (ratio + n2)
         leaving = 2.0 * n2 / (ratio + n2) * (2.0 * numbers.exit_fluence[side] * ratio + numbers.exit_flux[side])
         one = jnp.ones_like(k)
@@ -215,14 +222,19 @@ class LayeredDiffusion(SpectralSolver):
         if len(numbers.thickness) == 0:
             return jnp.zeros_like(k)
         pieces = self.pieces(numbers, k)
-        return excess_reflection(compose(*pieces[:2]), reflection(pieces[2:]), first_medium(numbers, k)).source
+        reference = first_medium(numbers, k)
+        more = excess_reflection(compose(*pieces[:2]), reflection(pieces[2:]), reference).source
+        if len(numbers.N) == 1:
+            return more
+        textbook = self.pieces(first_boundary(numbers), k)
+        below = Response(reference, reference.zero(), reference.zero(), reference.zero())
+        return more + (reflection([*pieces[:2], below]) - reflection([*textbook[:2], below])).source
 
     def images(self, columns: Columns, geometry: Geometry) -> Images | None:
-        point = self.source != "exponential" and self.shares(columns) is None
-        if not self.subtract or self.boundary != "extrapolated" or not point or geometry.side == "below":
+        if not self.subtract or self.boundary != "extrapolated" or self._spread(columns) or geometry.side == "below":
             return None
         numbers = self.numbers(columns, na_above=aperture(geometry))
-        (strength, depth), D = numbers.down, numbers.edge_D[0]
+        (strength, depth), D = numbers.down, first_boundary(numbers).edge_D[0]
         power = strength[0] * (1.0 - numbers.edge_beam[0])
         return Images(
             z=jnp.stack([depth[0], depth[0] + 4.0 * numbers.edge_A[0] * D]),
@@ -239,7 +251,7 @@ class LayeredDiffusion(SpectralSolver):
         thickness = float(np.sum(low.thickness)) if not low.half_space else np.inf
         source_depth = min(1.0 / extinction, 0.5 * max(thickness, 1e-9 / extinction))
         k_high = 38.0 / source_depth
-        tail = self.shares(high) is not None
+        tail = self._spread(high)
         if tail and low.thickness.shape[0] > 0:  # the tail belongs to the outermost layers alone
             ends = (low.thickness[0], low.thickness[-1])
             k_high = max(k_high, 20.0 / max(float(min(ends)), 1e-6 / extinction))
@@ -315,13 +327,36 @@ class _Numbers(eqx.Module):
     inner_beam: Scalars  # reflectances for the beam
     edge_beam: Scalars
     edge_A: Scalars
-    edge_D: Scalars
+    edge_D: Scalars  # of the medium that the extrapolated boundary continues, see _seen_from_above
+    edge_decay2: Scalars
     edge_n2: Scalars
     exit_fluence: Scalars
     exit_flux: Scalars
     half_space: bool = eqx.field(static=True)
     spread: bool = eqx.field(static=True)  # part of the source follows the beam
     pointed: bool = eqx.field(static=True)  # part of it is a point
+
+
+def _seen_from_above(columns: Columns) -> Float[Array, "layers"]:
+    """Weight exp(-transport optical depth) of each layer, sum 1: how much of it a face sees.
+
+    Textbooks continue the first layer beyond the face. A first layer much thinner than a mean free path then rules the boundary alone, and at
+    thickness 0 the result jumps. Weighted so, thick first layers change nothing, a layer of no thickness is nothing, and splitting one is harmless.
+    """
+    tau = columns.sigma_t_prime[: columns.thickness.shape[0]] * columns.thickness
+    above = jnp.exp(-jnp.concatenate([jnp.zeros(1), jnp.cumsum(tau)]))
+    if columns.half_space:
+        return jnp.concatenate([-jnp.diff(above), above[-1:]])
+    # all layers equally in the limit of a thin sample: (1 - exp(-tau))/(1 - exp(-sum)) without 0/0
+    share = above[:-1] * tau * expc(tau)
+    return share / jnp.sum(share)
+
+
+def _seen_from_below(columns: Columns) -> Float[Array, "layers"]:
+    upside_down = eqx.tree_at(
+        lambda c: (c.sigma_a, c.sigma_s_prime, c.thickness), columns, (columns.sigma_a[::-1], columns.sigma_s_prime[::-1], columns.thickness[::-1])
+    )
+    return _seen_from_above(upside_down)[::-1]
 
 
 def _point_sources(columns: Columns, cosines: Float[Array, "layers"], share: Float[Array, "layers"] | None) -> tuple[Plane, Plane]:
@@ -405,6 +440,15 @@ def first_medium(numbers: _Numbers, k: Float[Array, "*k"]) -> Beamed:
     """Reflection of a half space of the first layer's medium that no source lies in."""
     zero = jnp.zeros_like(k)
     return Beamed(half_space_reflection(numbers.N[0], k**2 + numbers.decay2[0]), zero, zero)
+
+
+def first_boundary(numbers: _Numbers) -> _Numbers:
+    """The same with the extrapolated boundary of the first medium, the one that has images."""
+    return replace(
+        numbers,
+        edge_D=(numbers.N[0] / numbers.edge_n2[0], *numbers.edge_D[1:]),
+        edge_decay2=(numbers.decay2[0], *numbers.edge_decay2[1:]),
+    )
 
 
 def _half_space(numbers: _Numbers, i: int, k: Float[Array, "*k"]) -> Response[Beamed]:

@@ -7,7 +7,7 @@ star product; with one channel it is the frequency-space Kubelka-Munk compositio
 from abc import abstractmethod
 from collections.abc import Sequence
 from functools import reduce
-from typing import Generic, Self, TypeVar
+from typing import Any, Generic, TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -19,25 +19,25 @@ class Operator(eqx.Module):
     """A linear map between the channels of light on two faces, for each spatial frequency."""
 
     @abstractmethod
-    def __matmul__(self, other: Self) -> Self:
+    def __matmul__(self, other: Any) -> Any:
         """First other, then self."""
 
     @abstractmethod
-    def __add__(self, other: Self) -> Self: ...
+    def __add__(self, other: Any) -> Any: ...
 
     @abstractmethod
-    def __sub__(self, other: Self) -> Self: ...
+    def __sub__(self, other: Any) -> Any: ...
 
     @abstractmethod
-    def bounce(self, other: Self) -> Self:
+    def bounce(self, other: Any) -> Any:
         """(1 - self other)^-1: all reflections to and fro."""
 
     @abstractmethod
-    def one(self) -> Self:
+    def one(self) -> Any:
         """The identity on the channels of self."""
 
     @abstractmethod
-    def zero(self) -> Self: ...
+    def zero(self) -> Any: ...
 
 
 Op = TypeVar("Op", bound=Operator)
