@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-import layerfit as lf
 import numpy as np
+
+import layerfit as lf
 
 FOLDER = Path(__file__).parent / "reference" / "cases"
 

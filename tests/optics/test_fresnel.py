@@ -4,8 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from layerfit.optics.fresnel import diffuse_moments, egan_hilgeman, mismatch, normal_reflectance, reflectance
 from scipy.integrate import quad
+
+from layerfit.optics.fresnel import diffuse_moments, egan_hilgeman, mismatch, normal_reflectance, reflectance
 
 
 def plain_reflectance(mu, n):

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from layerfit.optics.hankel import Kernel, Span, Term, quadrature
 from scipy.integrate import quad
 from scipy.special import k1
+
+from layerfit.optics.hankel import Kernel, Span, Term, quadrature
 
 SIGMA, DEPTH = 0.2, 0.05
 R = np.geomspace(1e-3, 30, 40)
@@ -45,7 +46,9 @@ def test_rings_hold_the_power_between_their_radii():
 def test_algebraic_tail():
     """1/(1 + gamma): an exponential source, whose spectrum falls off as 1/k only."""
     r = R[::5]
-    expected = [quad(lambda u, x=x: np.exp(-(x * np.exp(u)) + u) * x * profile(x, x * np.exp(u)), -12, 12, epsabs=0, epsrel=1e-11, limit=400)[0] for x in r]
+    expected = [
+        quad(lambda u, x=x: np.exp(-(x * np.exp(u)) + u) * x * profile(x, x * np.exp(u)), -12, 12, epsabs=0, epsrel=1e-11, limit=400)[0] for x in r
+    ]
     for k_high in (20.0, 200.0):
         rule = quadrature(Kernel(points(r)), Span(SIGMA, k_high, True))
         values = rule.weights @ (1 / (1 + np.sqrt(rule.k**2 + SIGMA**2)))

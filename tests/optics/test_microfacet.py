@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+
 from layerfit.optics.fresnel import diffuse_moments, reflectance
 from layerfit.optics.microfacet import rough_moments, rough_reflectance
 

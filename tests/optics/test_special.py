@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
 import pytest
+
 from layerfit.optics.special import divided_differences, expc, log_cosh, tanhc
 
 mp.mp.dps = 60

@@ -2,9 +2,10 @@
 
 import jax
 import jax.numpy as jnp
-import layerfit as lf
 import numpy as np
 import pytest
+
+import layerfit as lf
 from layerfit.optics.hankel import Kernel, Span, Term, quadrature
 from layerfit.scene.columns import Columns, to_columns
 from layerfit.transport.interior import fluence_images, spectral_fluence
@@ -39,7 +40,9 @@ def test_half_space_of_vts_with_its_polynomials(source, expected):
     R2 = -0.02043 * n**3 - 0.38418 * n**2 + 2.01132 * n - 1.62198
     solver = lf.LayeredDiffusion(source=source, boundary="extrapolated", diffusion="transport")
     numbers = solver.numbers(to_columns(HALF))
-    numbers = numbers.__class__(**{**vars(numbers), "edge_A": (jnp.array(A),), "exit_fluence": (jnp.array(0.25 * (1 - R1)),), "exit_flux": (jnp.array(0.5 * (1 - R2)),)})
+    numbers = numbers.__class__(
+        **{**vars(numbers), "edge_A": (jnp.array(A),), "exit_fluence": (jnp.array(0.25 * (1 - R1)),), "exit_flux": (jnp.array(0.5 * (1 - R2)),)}
+    )
     r = np.array([1.0, 3.0, 10.0])
     rule = quadrature(Kernel((Term(np.full(3, 1 / (2 * np.pi)), r, "J0", 1),)), Span(0.17, 40.0, source == "exponential"))
     from layerfit.transport.response import reflection
@@ -181,7 +184,9 @@ def test_specular_part_and_incidence():
     """Included minus excluded is Fresnel's; oblique light is reflected more, diffuse light lies between."""
     R = {}
     for incidence in ("normal", 45.0, 80.0, "diffuse"):
-        included, excluded = (float(p.values[0]) for p in lf.predict(HALF, [lf.TotalReflectance(incidence=incidence, specular=s) for s in ("included", "excluded")]))
+        included, excluded = (
+            float(p.values[0]) for p in lf.predict(HALF, [lf.TotalReflectance(incidence=incidence, specular=s) for s in ("included", "excluded")])
+        )
         R[incidence] = included, included - excluded
     assert abs(R["normal"][1] - (0.4 / 2.4) ** 2) <= 1e-15
     mu, t = np.cos(np.pi / 4), np.sqrt(1 - 0.5 / 1.96)
@@ -199,9 +204,7 @@ def test_clear_layers_are_refused():
 
 def test_aperture_collects_part_of_the_light():
     """na 1 is everything; a small one collects about na^2 of it, more towards the normal than a Lambertian surface would send."""
-    whole, half, small = (
-        float(lf.predict(HALF, lf.RadialReflectance(r=[3.0], detector=lf.Detector(na=na)))[0].values[0]) for na in (1.0, 0.5, 0.05)
-    )
+    whole, half, small = (float(lf.predict(HALF, lf.RadialReflectance(r=[3.0], detector=lf.Detector(na=na)))[0].values[0]) for na in (1.0, 0.5, 0.05))
     assert 0.25 < half / whole < 0.32
     assert 1.0 < small / whole / 0.05**2 < 1.35
     nearly = float(lf.predict(HALF, lf.RadialReflectance(r=[3.0], detector=lf.Detector(na=0.9999999)))[0].values[0])

@@ -3,10 +3,11 @@
 import csv
 
 import jax.numpy as jnp
-import layerfit as lf
 import numpy as np
 import pytest
 from cases import FOLDER, NAMES, load
+
+import layerfit as lf
 from layerfit.scene.columns import to_columns
 from layerfit.transport.image_sum import slab_images
 

@@ -2,9 +2,10 @@
 
 import jax
 import jax.numpy as jnp
-import layerfit as lf
 import numpy as np
 import pytest
+
+import layerfit as lf
 from layerfit.scene.columns import to_columns
 from layerfit.transport.diffusion_layer import exponential_source_layer
 from layerfit.transport.layered_diffusion import _point_sources
@@ -62,7 +63,13 @@ def test_associative_with_identity(solver):
     assert differ(compose(a.identity(), a), a) <= 1e-15
     assert differ(compose(a, b).reversed(), compose(b.reversed(), a.reversed())) <= 1e-15
     pieces = [a, b, c]
-    assert max(float(jnp.max(jnp.abs(x - y))) for x, y in zip(jax.tree.leaves(reflection(pieces)), jax.tree.leaves(compose_all(pieces).R_above), strict=True)) <= 1e-14
+    assert (
+        max(
+            float(jnp.max(jnp.abs(x - y)))
+            for x, y in zip(jax.tree.leaves(reflection(pieces)), jax.tree.leaves(compose_all(pieces).R_above), strict=True)
+        )
+        <= 1e-14
+    )
 
 
 @pytest.mark.parametrize("kind", [Scalar, Beamed])
