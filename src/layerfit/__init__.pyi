@@ -1,3 +1,4 @@
+from . import montecarlo as montecarlo
 from .errors import InputError as InputError
 from .inference.fit import Estimate as Estimate
 from .inference.fit import Fit as Fit
@@ -19,6 +20,7 @@ from .measurement.source import Edge as Edge
 from .measurement.source import Gaussian as Gaussian
 from .measurement.source import Line as Line
 from .measurement.source import Pencil as Pencil
+from .montecarlo_solver import MonteCarlo as MonteCarlo
 from .predict import predict as predict
 from .scene.layer import HalfSpace as HalfSpace
 from .scene.layer import Layer as Layer

@@ -26,9 +26,6 @@ class Prediction(eqx.Module):
     notes: tuple[str, ...] = eqx.field(static=True)
 
 
-_call = eqx.filter_jit(lambda forward, columns: forward(columns))
-
-
 def predict(stack: Stack, geometries: Geometry | Sequence[Geometry], *, solver: Solver | None = None) -> list[Prediction]:
     """Predicted values for one geometry or several.
 
@@ -47,9 +44,9 @@ def predict(stack: Stack, geometries: Geometry | Sequence[Geometry], *, solver: 
     chosen = solver.resolve(stack, geometries)
     columns = to_columns(stack)
     forward = chosen.forward(Domain(stack, columns, columns), geometries, [(0.0, 0.0)] * len(geometries))
-    values = [np.asarray(v) for v in (_call(forward, columns) if forward.differentiable else forward(columns))]
+    values, errors, said = forward.evaluate(columns)
     for geometry, value in zip(geometries, values, strict=True):
         if not np.all(np.isfinite(value)):
             raise InputError(f"solver {chosen.name}: {geometry.kind} is not finite for {stack!r}; another solver may do")
-    errors = forward.error(columns) or [None] * len(values)
+    notes = [(*note, *said) for note in notes]
     return [Prediction(*row) for row in zip(geometries, values, errors, [chosen] * len(values), notes, strict=True)]

@@ -7,7 +7,7 @@ and a list of geometries into a `Forward`, in which everything that does not dep
 from abc import abstractmethod
 from collections.abc import Sequence
 from importlib import import_module
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import numpy as np
@@ -31,6 +31,17 @@ class Domain(eqx.Module):
     high: Columns
 
 
+class Evaluation(NamedTuple):
+    """What a forward model gives for one stack: values and absolute errors (None: unknown), one array a geometry, and what is to be said of them."""
+
+    values: tuple[np.ndarray, ...]
+    errors: tuple[np.ndarray | None, ...]
+    notes: tuple[str, ...] = ()
+
+
+_call = eqx.filter_jit(lambda forward, columns: forward(columns))
+
+
 class Forward(eqx.Module):
     """A forward model for fixed geometries: a function of the columns alone."""
 
@@ -43,6 +54,11 @@ class Forward(eqx.Module):
     def error(self, columns: Columns) -> tuple[np.ndarray | None, ...] | None:
         """Estimated absolute error of each value, the method's included, one array a geometry; None where it is unknown."""
         return None
+
+    def evaluate(self, columns: Columns) -> Evaluation:
+        """Values and errors together, for a solver that gets both from one run."""
+        values = tuple(np.asarray(v) for v in _call(self, columns))
+        return Evaluation(values, self.error(columns) or (None,) * len(values))
 
 
 class Solver(eqx.Module):
@@ -73,6 +89,7 @@ _SOLVERS = {
     "dipole": "layerfit.transport.multipole:Dipole",
     "multipole": "layerfit.transport.multipole:Multipole",
     "layered-diffusion": "layerfit.transport.layered_diffusion:LayeredDiffusion",
+    "monte-carlo": "layerfit.montecarlo_solver:MonteCarlo",
 }
 
 

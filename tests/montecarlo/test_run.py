@@ -176,7 +176,9 @@ def test_interruption_keeps_whole_batches(tmp_path: Path):
 
 def test_progress_bar_is_shown(capsys: pytest.CaptureFixture[str]):
     run(2000, progress=True)
-    assert "100/100" in capsys.readouterr().out
+    shown = capsys.readouterr()
+    assert "100/100" in shown.err
+    assert shown.out == ""
 
 
 def test_results_cannot_be_changed():

@@ -70,7 +70,7 @@ def simulate(
         File (npz) of the run. If it exists, the run is continued: it must hold the same scene and seed, its batch size is kept, and
         only the photons that are missing are followed. Written about every 30 s and at the end.
     progress : bool
-        Show a progress bar.
+        Show a progress bar on standard error.
     max_seconds : float, optional
         Stop after this wall time [s] (without compilation). Batches begun are dropped, unless fewer than 2 are complete.
     relative_error : mapping of str to float, optional
@@ -221,7 +221,7 @@ class _Progress:
     """A progress bar over batches."""
 
     def __init__(self, total: int, done: int):
-        from rich import progress
+        from rich import console, progress
 
         columns = (
             progress.BarColumn(),
@@ -229,7 +229,7 @@ class _Progress:
             progress.TimeElapsedColumn(),
             progress.TimeRemainingColumn(),
         )
-        self._bar = progress.Progress("batches", *columns)
+        self._bar = progress.Progress("batches", *columns, console=console.Console(stderr=True))
         self._task = self._bar.add_task("batches", total=total, completed=done)
 
     def __enter__(self) -> Self:

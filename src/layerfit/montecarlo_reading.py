@@ -1,0 +1,155 @@
+"""How each measurement is read off a Monte Carlo run: its light, its tallies, and what becomes of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from . import montecarlo as mc
+from .errors import InputError
+from .measurement.geometry import Geometry, Radial, SpatialFrequency, Total, TotalReflectance
+from .measurement.source import Disk, Gaussian, Pencil
+
+POINT_RADIUS = 0.1  # of the larger fibre that stands for a point, relative to the distance (or to the diameter of a source, if larger)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One measurement in the terms of the Monte Carlo.
+
+    light : where the light comes from. tally : name of the tally read. rings, k, fibres : what it needs to be counted at, one of them at most.
+    na : aperture of rings. weights, shape (values, places) : the values are weights @ tally. specular : the first-surface reflection is added.
+    one : what one photon of full weight adds to each value, times the number of photons.
+    """
+
+    light: Any
+    tally: str
+    one: np.ndarray
+    rings: tuple[tuple[float, float], ...] = ()
+    k: tuple[float, ...] = ()
+    fibres: tuple[mc.CollectingFibre, ...] = ()
+    na: float | None = None
+    weights: np.ndarray | None = field(default=None, compare=False)
+    specular: bool = False
+
+    @property
+    def shares_aperture(self) -> bool:
+        """Whether it is counted with the one aperture that a run has for its rings and frequencies."""
+        return bool(self.rings or self.k)
+
+    def samples(self, result: mc.Result) -> np.ndarray:
+        """The values in each batch, shape (batches, values)."""
+        found = result.estimate(self.tally).samples
+        assert found is not None
+        found = found.reshape(result.batches, -1)
+        for wanted, counted in ((self.rings, result.tallies.rings), (self.k, result.tallies.k), (self.fibres, result.tallies.fibres)):
+            if wanted:
+                found = found[:, [counted.index(place) for place in wanted]]  # pyright: ignore[reportArgumentType]
+        if self.specular:
+            reflected = result.estimate("R_specular").samples
+            assert reflected is not None
+            found = found + reflected[:, None]
+        return found if self.weights is None else found @ self.weights.T
+
+    def value_and_error(self, result: mc.Result) -> tuple[np.ndarray, np.ndarray]:
+        """Means and standard errors. Where nothing was counted the error is what one photon would have added: none seen is not none there."""
+        samples = self.samples(result)
+        error = samples.std(axis=0, ddof=1) / np.sqrt(result.batches)
+        impossible = self.tally.startswith("T") and result.medium.half_space
+        return samples.mean(axis=0), error if impossible else np.where(np.any(samples != 0.0, axis=0), error, self.one / result.photons)
+
+
+def reading(geometry: Geometry) -> Reading:
+    """How a measurement is read. Raises InputError for one that the Monte Carlo does not simulate."""
+    side = "R" if geometry.side == "above" else "T"
+    if isinstance(geometry, Radial):
+        return _radial(geometry, side)
+    if isinstance(geometry, SpatialFrequency):
+        return Reading(mc.Pencil(), "R_k", np.ones(geometry.size), k=tuple(geometry.k.tolist()))
+    if isinstance(geometry, Total):
+        specular = isinstance(geometry, TotalReflectance) and geometry.specular == "included"
+        return Reading(_incident(geometry.incidence), side, np.ones(1), specular=specular)
+    raise InputError(f"solver monte-carlo does not predict {geometry.kind}")
+
+
+def _incident(incidence: float | str) -> Any:
+    if incidence == "diffuse":
+        return mc.Lambertian()
+    return mc.Pencil() if incidence == "normal" else mc.Pencil(float(np.cos(np.radians(float(incidence)))))
+
+
+def _radial(geometry: Radial, side: str) -> Reading:
+    source = geometry.source
+    if isinstance(source, Pencil):
+        light, width = mc.Pencil(), 0.0
+    elif isinstance(source, Disk):
+        light, width = mc.Disk(source.radius), source.radius
+    elif isinstance(source, Gaussian):
+        light, width = mc.Gaussian(source.radius), source.radius
+    else:
+        raise InputError(f"solver monte-carlo: a {source.name} source is not simulated; allowed: pencil, disk, gaussian")
+    na = geometry.detector.na if geometry.detector.na < 1.0 else None
+    if geometry.r is None:
+        assert geometry.r_min is not None and geometry.r_max is not None
+        rings = tuple(zip(geometry.r_min.tolist(), geometry.r_max.tolist(), strict=True))
+        area = np.pi * (geometry.r_max**2 - geometry.r_min**2)
+        return Reading(light, f"{side}_rings", 1.0 / area, rings=rings, na=na)
+    radius = geometry.detector.radius
+    if radius > 0.0:
+        return Reading(light, f"{side}_fibres", _one(geometry.r, radius), fibres=tuple(_fibre(r, radius, na) for r in geometry.r))
+    return _points(light, f"{side}_fibres", geometry.r, np.maximum(geometry.r, 2.0 * width), na)
+
+
+def _points(light: Any, tally: str, r: np.ndarray, scale: np.ndarray, na: float | None) -> Reading:
+    """Values at points, from two concentric fibres.
+
+    The mean over a disk of radius a is R + a^2/8 L R + a^4/192 L^2 R + ..., L the Laplacian. Twice the mean over a/sqrt 2 less that over a
+    keeps R, drops the second term and leaves -a^4/384 L^2 R: with a = r/10 a relative 2e-4 where R falls as exp(-5 r) at r = 1, below any
+    error that counting reaches there.
+    """
+    wide = POINT_RADIUS * scale
+    narrow = wide / np.sqrt(2.0)
+    pairs = list(zip(r, wide, narrow, strict=True))
+    fibres = tuple(_fibre(at, a, na) for at, a, _ in pairs) + tuple(_fibre(at, b, na) for at, _, b in pairs)
+    one = np.eye(r.size)
+    return Reading(light, tally, _one(r, wide), fibres=fibres, weights=np.concatenate((-one, 2.0 * one), axis=1))
+
+
+def _fibre(r: float, radius: float, na: float | None) -> mc.CollectingFibre:
+    return mc.CollectingFibre(float(r), float(radius), na=1e6 if na is None else na)  # no direction is beyond the large aperture
+
+
+def _one(r: np.ndarray, radius: np.ndarray | float) -> np.ndarray:
+    """What a photon adds to a fibre's value at most: the share of its circle that the fibre covers, over the fibre's area."""
+    share = np.arcsin(np.minimum(radius / np.maximum(r, radius), 1.0)) / np.pi
+    return np.where(r > radius, share, 1.0) / (np.pi * np.asarray(radius) ** 2)
+
+
+@dataclass(frozen=True)
+class Run:
+    """One simulation that serves some measurements: their positions in the list, and what must be counted."""
+
+    light: Any
+    tallies: mc.Tallies
+    members: tuple[int, ...]
+
+
+def runs(readings: Sequence[Reading]) -> list[Run]:
+    """As few simulations as the measurements allow: one for each light, and for each aperture of rings."""
+    by_light: dict[Any, list[int]] = {}
+    for i, one in enumerate(readings):
+        by_light.setdefault(one.light, []).append(i)
+    planned = []
+    for same in by_light.values():
+        apertures = list(dict.fromkeys(readings[i].na for i in same if readings[i].shares_aperture)) or [None]
+        for na in apertures:
+            # fibres have their own aperture and totals none: they join the first
+            members = [i for i in same if (readings[i].na == na if readings[i].shares_aperture else na == apertures[0])]
+            planned.append(_run([readings[i] for i in members], tuple(members), na))
+    return planned
+
+
+def _run(together: list[Reading], members: tuple[int, ...], na: float | None) -> Run:
+    rings, k, fibres = (list(dict.fromkeys(place for one in together for place in getattr(one, name))) for name in ("rings", "k", "fibres"))
+    return Run(together[0].light, mc.Tallies(rings=rings or None, k=k or None, fibres=fibres, na=na), members)
