@@ -58,7 +58,7 @@ def main() -> None:
 @main.command()
 @click.argument("scene", type=click.Path(path_type=Path))
 @click.option("--solver", metavar="NAME", help="Solver, instead of the one in the file.")
-@click.option("--photons", type=click.IntRange(1), metavar="N", help="Number of photons (solver monte-carlo).")
+@click.option("--photons", type=click.IntRange(1), metavar="N", help="Photons for each illumination (solver monte-carlo) [default: 1,000,000].")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, metavar="S", help="Seed of random numbers.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, metavar="FILE.json", help="Where to write the prediction.")
 @click.option("--csv", "csv_file", type=click.Path(path_type=Path), metavar="FILE.csv", help="Write it as a data file as well.")
@@ -70,43 +70,45 @@ def predict(scene: Path, solver: str | None, photons: int | None, seed: int, out
 
     if noise is not None and csv_file is None:
         raise InputError("--noise without --csv: noise is only added to simulated data; give --csv FILE.csv")
+    from .montecarlo_solver import with_run_settings
     from .predict import predict as run
-    from .report.archive import prediction_dict, write
+    from .report.archive import prediction_dict, writable_file, write
     from .scene_file import read_scene
 
     description = read_scene(scene)
-    chosen = description.solver(solver)
-    if photons is not None:
-        raise InputError(f"--photons has no meaning for solver {chosen.name}; it belongs to solver monte-carlo, which this version does not have")
-    for path in [p for p in (out, csv_file) if p is not None]:
-        _check_parent(path)
-    predictions = run(description.stack, [m.geometry for m in description.measurements], solver=chosen)
+    chosen = with_run_settings(description.solver(solver), photons=photons, seed=seed, progress=sys.stderr.isatty())
     names = [m.name for m in description.measurements]
+    csv_files = [] if csv_file is None else _simulated_paths(csv_file, names)
+    for i, path in enumerate(targets := [out, *csv_files]):
+        writable_file(path, keep=[*description.files, *targets[:i]])
+    predictions = run(description.stack, [m.geometry for m in description.measurements], solver=chosen)
     result = prediction_dict(predictions[0].solver.name, list(zip(names, predictions, strict=True)))
     write(out, _json(result))
     click.echo(f"prediction: {out}")
-    if csv_file is not None:
-        for path in _write_simulated(csv_file, names, predictions, noise, seed):
-            click.echo(f"data: {path}")
+    for path in _write_simulated(csv_files, predictions, noise, seed):
+        click.echo(f"data: {path}")
     for note in result["notes"]:
         click.echo(f"note: {note}", err=True)
 
 
-def _write_simulated(csv_file: Path, names: list[str], predictions: list[Any], noise: float | None, seed: int) -> list[Path]:
-    """Predictions as data files, one a measurement, with noise drawn if asked for."""
+def _simulated_paths(csv_file: Path, names: list[str]) -> list[Path]:
+    """One data file a measurement."""
+    return [csv_file] if len(names) == 1 else [csv_file.with_name(f"{csv_file.stem}_{name}{csv_file.suffix}") for name in names]
+
+
+def _write_simulated(paths: list[Path], predictions: list[Any], noise: float | None, seed: int) -> list[Path]:
+    """Predictions as data files, with noise drawn if asked for."""
     import numpy as np
 
     from .report.archive import data_csv, write
 
     random = np.random.default_rng(seed)
-    paths = []
-    for name, prediction in zip(names, predictions, strict=True):
+    for path, prediction in zip(paths, predictions, strict=False):
         values, sd = prediction.values, None
         if noise is not None:
             sd = noise * np.abs(values)
             values = values + sd * random.standard_normal(values.size)
-        path = csv_file if len(names) == 1 else csv_file.with_name(f"{csv_file.stem}_{name}{csv_file.suffix}")
-        paths.append(write(path, data_csv(prediction.geometry, values, sd)))
+        write(path, data_csv(prediction.geometry, values, sd))
     return paths
 
 
@@ -118,17 +120,14 @@ def _write_simulated(csv_file: Path, names: list[str], predictions: list[Any], n
 def fit(scene: Path, out: Path, solver: str | None, starts: int | None) -> None:
     """Fit the free numbers of SCENE to its data."""
     _keep_compilations()
+    from .inference.fit import Outcome
+    from .inference.fit import fit as run
     from .report.archive import save_fit, writable_folder
     from .scene_file import read_scene
 
     description = read_scene(scene)
-    datasets = description.datasets()
+    problem = description.problem(solver)
     writable_folder(out)
-    from .inference.fit import Outcome
-    from .inference.fit import fit as run
-    from .inference.problem import Problem
-
-    problem = Problem(description.stack, datasets, free=description.free, ties=description.ties, solver=description.solver(solver))
     with _progress("fitting") as advance:
         result = run(problem, starts=starts or description.starts, seed=description.seed, on_start=advance)
     paths = save_fit(result, out, title=f"layerfit: {scene.name}")
@@ -165,23 +164,18 @@ def example(name: str, out: Path | None) -> None:
     """Write a ready scene with data into a folder."""
     from importlib.resources import files
 
+    from .errors import InputError
     from .report.archive import writable_folder, write
 
     folder = writable_folder(out or Path(name))
-    for source in sorted(files("layerfit").joinpath("examples", name).iterdir(), key=lambda f: f.name):
+    sources = sorted(files("layerfit").joinpath("examples", name).iterdir(), key=lambda f: f.name)
+    for path, source in [(folder / source.name, source) for source in sources]:
+        if path.exists() and path.read_bytes() != source.read_bytes():
+            raise InputError(f"{path} exists and is another file; allowed is --out with a new folder")
+    for source in sources:
         write(folder / source.name, source.read_bytes())
     click.echo(f"scene: {folder / 'scene.toml'}")
     click.echo(f"next: layerfit fit {folder / 'scene.toml'} --out {folder / 'result'}")
-
-
-def _check_parent(path: Path) -> None:
-    from .report.archive import writable_folder
-
-    if not path.parent.is_dir():
-        from .errors import InputError
-
-        raise InputError(f"{path}: the folder {path.parent} does not exist")
-    writable_folder(path.parent)
 
 
 def _json(content: dict[str, Any]) -> str:

@@ -5,18 +5,21 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from .errors import InputError
-from .measurement.csv_file import Table, dataset_from_table, geometry_from_table, read_table
-from .measurement.dataset import Dataset, Noise
+from .measurement.csv_file import Table, dataset_from_table, geometry_from_table, read_table, read_text
+from .measurement.dataset import Dataset, Noise, check_measurement_name
 from .measurement.geometry import GEOMETRIES, Geometry, Radial, SpatialFrequency, Total, TotalReflectance
 from .measurement.source import SOURCES, Detector, Source
 from .scene.layer import HalfSpace, Layer
 from .scene.stack import Stack
 from .solver import Solver, solver_by_name
+
+if TYPE_CHECKING:
+    from .inference.problem import Problem
 
 _LATER = ("angular_reflectance", "angular_transmittance")
 
@@ -91,11 +94,12 @@ class _Scene(_Table):
 
 @dataclass(frozen=True)
 class Measurement:
-    """One [[measurement]]: where to predict, and the data if there are any."""
+    """One [[measurement]]: where to predict, the data if there are any, and the file that both are from."""
 
     name: str
     geometry: Geometry
     dataset: Dataset | None
+    file: Path | None
 
 
 @dataclass(frozen=True)
@@ -111,9 +115,19 @@ class SceneFile:
     starts: int
     seed: int
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All files that were read."""
+        return (self.path, *(m.file for m in self.measurements if m.file is not None))
+
     def solver(self, name: str | None = None) -> Solver:
         """The solver named on the command line, or in the file."""
-        return solver_by_name(self.solver_name if name is None else name)
+        if name is not None:
+            return solver_by_name(name)
+        try:
+            return solver_by_name(self.solver_name)
+        except InputError as error:
+            raise InputError(f"{self.path}: [fit]: {error}") from None
 
     def datasets(self) -> list[Dataset]:
         """All data. Raises InputError where a measurement has none."""
@@ -124,6 +138,16 @@ class SceneFile:
             )
         return [m.dataset for m in self.measurements if m.dataset is not None]
 
+    def problem(self, solver: str | None = None) -> "Problem":
+        """The fit that the file describes. Raises InputError where it does not fit together."""
+        from .inference.problem import Problem  # slow to import, and a prediction needs none of it
+
+        data, chosen = self.datasets(), self.solver(solver)
+        try:
+            return Problem(self.stack, data, free=_dotted(self.free), ties=_dotted(self.ties), solver=chosen)
+        except InputError as error:
+            raise InputError(f"{self.path}: {error}") from None
+
 
 def read_scene(path: str | Path) -> SceneFile:
     """Read a scene file. Relative paths in it are relative to it.
@@ -132,11 +156,7 @@ def read_scene(path: str | Path) -> SceneFile:
     """
     path = Path(path)
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as text ({type(error).__name__})") from None
+        content = tomllib.loads(read_text(path))
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not TOML: {error}") from None
     try:
@@ -178,10 +198,10 @@ def _measurement(path: Path, number: int, table: _Measurement) -> Measurement:
     name = table.name or ("measurement" if number == 1 else f"measurement{number}")
     where = f"{path}: [[measurement]] {number} ('{name}')"
     try:
+        check_measurement_name(name)
         return _measurement_at(path, name, table)
     except InputError as error:
-        text = str(error)
-        raise InputError(text if text.startswith(str(path.parent)) and ".csv" in text else f"{where}: {text}") from None
+        raise InputError(f"{where}: {error}") from None
 
 
 def _measurement_at(path: Path, name: str, table: _Measurement) -> Measurement:
@@ -203,12 +223,12 @@ def _measurement_at(path: Path, name: str, table: _Measurement) -> Measurement:
         data: Table = read_table(path.parent / table.file)
         geometry = geometry_from_table(data, table.kind, source=source, detector=detector, **options)
         dataset = dataset_from_table(data, geometry, noise=noise, name=name) if "value" in data.columns else None
-        return Measurement(name, geometry, dataset)
+        return Measurement(name, geometry, dataset, data.path)
     geometry = _inline(table, cls, source, detector, options)
     dataset = None
     if table.value is not None:
         dataset = Dataset(geometry, [table.value], None if table.sd is None else [table.sd], noise=noise if table.sd is None else None, name=name)
-    return Measurement(name, geometry, dataset)
+    return Measurement(name, geometry, dataset, None)
 
 
 def _check_keys(table: _Measurement, cls: type[Geometry]) -> None:
@@ -291,7 +311,24 @@ def _message(error: ValidationError, content: dict[str, Any]) -> str:
         return f"[[{path[0]}]] is empty; allowed is one or more"
     keys = [p for p in path if p not in ("str", "float")]  # branches of a union are no keys
     allowed = _ALLOWED.get(first["type"], first["msg"]).format(**first.get("ctx", {}))
-    return f"{_where(keys[:-1], content)}: {keys[-1]} = {first['input']!r}; allowed is {allowed}"
+    if keys[-1] == "thickness":
+        allowed += " (a half space, the last layer, has none)"
+    key = keys[-1]
+    if isinstance(key, int):  # an element of a list
+        keys.pop()
+        key = f"number {key + 1} of {keys[-1]}"
+    if keys == ["layer"] or keys == ["measurement"]:
+        return f"top level: '{keys[0]}' is not written as [[{keys[0]}]]; allowed is one such table for each {keys[0]}"
+    return f"{_where(keys[:-1], content)}: {key} = {first['input']!r}; allowed is {allowed}"
+
+
+def _dotted(tables: Mapping[str, Any]) -> dict[str, Any]:
+    """Names with a dot. TOML reads skin.sigma_a without quotes as a table within a table, which means the same."""
+    flat: dict[str, Any] = {}
+    for name, spec in tables.items():
+        inner = isinstance(spec, Mapping) and "." not in name
+        flat |= {f"{name}.{field}": value for field, value in spec.items()} if inner else {name: spec}
+    return flat
 
 
 def _submodel(model: Any, field: str) -> Any:

@@ -140,13 +140,11 @@ def parse_ties(stack: Stack, free: Sequence[FreeParameter], ties: Mapping[str, A
     """
     parsed = []
     for name, spec in ties.items():
-        if isinstance(spec, Mapping):
-            spec = (spec.get("to"), spec.get("factor", 1.0))
-        source, factor = (spec, 1.0) if isinstance(spec, str) else (str(spec[0]), spec[1])
+        source, factor = _tie(spec, f"{where} '{name}'")
         for given in (name, source):
             if given not in stack.names:
                 raise InputError(f"{where} '{name}': '{given}' is no number of the scene; allowed: {', '.join(stack.names)}")
-        if not isinstance(factor, int | float) or not math.isfinite(factor) or factor <= 0:
+        if isinstance(factor, bool) or not isinstance(factor, int | float) or not math.isfinite(factor) or factor <= 0:
             raise InputError(f"{where} '{name}': factor = {factor!r}; allowed is a finite number above 0")
         if any(p.name == name for p in free):
             raise InputError(f"{where} '{name}': it is free as well; allowed is one of both")
@@ -154,6 +152,17 @@ def parse_ties(stack: Stack, free: Sequence[FreeParameter], ties: Mapping[str, A
             raise InputError(f"{where} '{name}': follows '{source}', which is tied itself; tie both to the same number")
         parsed.append(Tie(name, source, float(factor)))
     return tuple(parsed)
+
+
+def _tie(spec: Any, where: str) -> tuple[str, Any]:
+    """Source and factor as given."""
+    if isinstance(spec, str):
+        return spec, 1.0
+    if isinstance(spec, Mapping) and "to" in spec and not set(spec) - {"to", "factor"}:
+        spec = (spec["to"], spec.get("factor", 1.0))
+    if isinstance(spec, Sequence) and len(spec) == 2 and isinstance(spec[0], str):
+        return spec[0], spec[1]
+    raise InputError(f"{where} = {spec!r}; allowed is the name of a number, [name, factor], or a table with to and factor")
 
 
 class Coordinates(eqx.Module):

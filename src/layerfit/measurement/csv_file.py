@@ -34,6 +34,10 @@ class Table:
     units: dict[str, str]
     lines: list[int]
 
+    def place(self, row: int | None) -> str:
+        """File, and line of a row."""
+        return str(self.path) if row is None else f"{self.path}, line {self.lines[row]}"
+
     def converted(self, name: str, quantity: str) -> np.ndarray:
         """A column in the internal unit."""
         where = f"{self.path}, column '{name}'"
@@ -43,27 +47,21 @@ class Table:
 def read_table(path: str | Path) -> Table:
     """A CSV file with a header like ``r [mm], value [1/mm^2], sd [1/mm^2]``. Lines that start with # are comments.
 
+    Cells are separated by commas; by semicolons or tabs where the header has those and no comma. Empty columns and rows that a spreadsheet leaves
+    at the end are passed over.
+
     Raises InputError naming file, line and column of what is wrong.
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as text ({type(error).__name__})") from None
-    numbered = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip() and not line.lstrip().startswith("#")]
+    text = read_text(path)
+    numbered = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip(' \t,;"') and not line.lstrip(' \t"').startswith("#")]
     if not numbered:
         raise InputError(f"{path}: the file is empty; allowed is a header line and rows of numbers")
     header_line, header = numbered[0]
+    delimiter = "," if "," in header else next((d for d in ";\t" if d in header), ",")
     names, units = [], {}
-    for cell in next(csv.reader([header], skipinitialspace=True)):
-        match = re.fullmatch(r"\s*(\w+)\s*\[\s*(.*?)\s*\]\s*", cell)
-        if not match:
-            raise InputError(f"{path}, line {header_line}: header '{cell.strip()}' has no unit; allowed is a name and a unit, as in 'r [mm]'")
-        name, unit = match.groups()
-        if name not in _COLUMNS:
-            raise InputError(f"{path}, line {header_line}: column '{name}' is unknown; allowed: {', '.join(_COLUMNS)}")
+    for cell in _cells(header, delimiter):
+        name, unit = _header_cell(cell, f"{path}, line {header_line}")
         if name in units:
             raise InputError(f"{path}, line {header_line}: column '{name}' is there twice")
         names.append(name)
@@ -72,21 +70,59 @@ def read_table(path: str | Path) -> Table:
         raise InputError(f"{path}: there is a header but no row of numbers")
     rows = []
     for line, content in numbered[1:]:
-        cells = next(csv.reader([content], skipinitialspace=True))
+        cells = _cells(content, delimiter)
         if len(cells) != len(names):
-            raise InputError(f"{path}, line {line}: {len(cells)} cells in a table of {len(names)} columns")
+            hint = "; numbers are written with a point (1.5), not a comma" if delimiter == "," and len(cells) == 2 * len(names) else ""
+            raise InputError(f"{path}, line {line}: {len(cells)} cells in a table of {len(names)} columns{hint}")
         rows.append([_number(cell, path, line, name) for cell, name in zip(cells, names, strict=True)])
     array = np.array(rows)
     return Table(path, {name: array[:, i] for i, name in enumerate(names)}, units, [line for line, _ in numbered[1:]])
 
 
-def _number(cell: str, path: Path, line: int, column: str) -> float:
+def read_text(path: Path) -> str:
+    """The text of a file, without the mark that Windows editors put first. Raises InputError where there is none."""
     try:
-        value = float(cell)
+        return path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except IsADirectoryError:
+        raise InputError(f"{path}: this is a folder; allowed is a file in it") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a text in UTF-8; allowed is plain text saved as UTF-8 (a spreadsheet: 'CSV UTF-8')") from None
+    except (OSError, ValueError) as error:  # a ValueError is a null character in the name
+        raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    """Cells of a line, without the empty ones at its end."""
+    cells = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))]
+    while cells and not cells[-1]:
+        cells.pop()
+    return cells
+
+
+def _header_cell(cell: str, where: str) -> tuple[str, str]:
+    """Name and unit."""
+    match = re.fullmatch(r"(\w+)\s*\[([^][]*)\]", cell)
+    if not match:
+        raise InputError(f"{where}: header '{cell}' has no unit; allowed is a name and a unit, as in 'r [mm]'")
+    name, unit = match.groups()
+    if name not in _COLUMNS:
+        hint = f"; did you mean {name.lower()}?" if name.lower() in _COLUMNS else ""
+        raise InputError(f"{where}: column '{name}' is unknown; allowed: {', '.join(_COLUMNS)}{hint}")
+    return name, unit.strip()
+
+
+def _number(cell: str, path: Path, line: int, column: str) -> float:
+    where = f"{path}, line {line}, column '{column}'"
+    try:
+        value = float(cell.replace("_", "?"))  # Python would read 1_000
     except ValueError:
-        raise InputError(f"{path}, line {line}, column '{column}': '{cell.strip()}' is not a number") from None
+        hint = "; numbers are written with a point (1.5), not a comma" if re.fullmatch(r"[-+]?\d*,\d+([eE].*)?", cell) else ""
+        given = f"'{cell}' is not a number" if cell else "there is no number"
+        raise InputError(f"{where}: {given}{hint}") from None
     if not np.isfinite(value):
-        raise InputError(f"{path}, line {line}, column '{column}': {cell.strip()} is given; allowed are finite numbers")
+        raise InputError(f"{where}: {cell} is given; allowed are finite numbers")
     return value
 
 
@@ -114,7 +150,7 @@ def geometry_from_table(
     try:
         return cls(**converted, **keywords)
     except InputError as error:
-        raise InputError(f"{table.path}: {error}") from None
+        raise InputError(f"{table.place(error.row)}: {error}") from None
 
 
 def dataset_from_table(table: Table, geometry: Geometry, *, noise: Noise | None = None, name: str = "measurement") -> Dataset:
@@ -124,11 +160,13 @@ def dataset_from_table(table: Table, geometry: Geometry, *, noise: Noise | None 
         raise InputError(f"{table.path}: there is no column 'value'; allowed is a header like 'r [mm], value [1/mm^2], sd [1/mm^2]'")
     quantity = _VALUE_QUANTITY[value_unit(geometry)]
     values = table.converted("value", quantity)
+    if table.units.get("sd") == "%" != table.units["value"]:
+        raise InputError(f"{table.path}: sd in % of what? allowed is an sd in a unit of the value, or a relative noise instead")
     sd = table.converted("sd", quantity) if "sd" in table.columns else None
     try:
         return Dataset(geometry, values, sd, noise=noise if sd is None else None, name=name)
     except InputError as error:
-        raise InputError(f"{table.path}: {error}") from None
+        raise InputError(f"{table.place(error.row)}: {error}") from None
 
 
 def read(

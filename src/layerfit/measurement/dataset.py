@@ -31,6 +31,12 @@ class Noise(eqx.Module):
         return np.hypot(self.relative * np.abs(values), self.absolute)
 
 
+def check_measurement_name(name: object) -> None:
+    """Raise InputError for a name that cannot be the prefix of a parameter and part of a file's name."""
+    if not isinstance(name, str) or not name or name != name.strip() or not name.isprintable() or any(c in name for c in "./\\") or name == "scene":
+        raise InputError(f"measurement name {name!r}: allowed is a non-empty text without dots and slashes, other than 'scene'")
+
+
 class Dataset(eqx.Module):
     """What was measured.
 
@@ -56,8 +62,7 @@ class Dataset(eqx.Module):
     name: str
 
     def __init__(self, geometry: Geometry, values: Any, sd: Any = None, *, noise: Noise | None = None, name: str = "measurement"):
-        if not isinstance(name, str) or not name or any(c in name for c in ".\n") or name == "scene":
-            raise InputError(f"measurement name {name!r}: allowed is a non-empty text without dots, other than 'scene'")
+        check_measurement_name(name)
         self.geometry, self.name = geometry, name
         self.values = self._column(values, "value")
         self.sd = None
@@ -65,17 +70,20 @@ class Dataset(eqx.Module):
             self.sd = self._column(sd, "sd")
             if np.any(self.sd <= 0):
                 i = int(np.flatnonzero(self.sd <= 0)[0])
-                raise InputError(f"measurement '{name}': sd {i + 1} is {self.sd[i]:g}; allowed is a number above 0")
+                raise InputError(f"measurement '{name}': sd {i + 1} is {self.sd[i]:g}; allowed is a number above 0", row=i)
         elif noise is not None:
             self.sd = noise.sd(self.values)
             if np.any(self.sd == 0):
                 i = int(np.flatnonzero(self.sd == 0)[0])
-                raise InputError(f"measurement '{name}': value {i + 1} is 0 and its noise relative; allowed with it is an absolute noise or an sd")
+                raise InputError(
+                    f"measurement '{name}': value {i + 1} is 0 and its noise relative; allowed with it is an absolute noise or an sd", row=i
+                )
         elif np.any(self.values <= 0):
             i = int(np.flatnonzero(self.values <= 0)[0])
             raise InputError(
                 f"measurement '{name}': value {i + 1} is {self.values[i]:g} and has neither sd nor noise; without them allowed are values above 0, "
-                "whose relative noise is estimated"
+                "whose relative noise is estimated",
+                row=i,
             )
 
     def _column(self, values: Any, what: str) -> np.ndarray:
@@ -87,5 +95,5 @@ class Dataset(eqx.Module):
             raise InputError(f"measurement '{self.name}': {array.size} numbers of {what} for {self.geometry.size} places; allowed is one each")
         if not np.all(np.isfinite(array)):
             i = int(np.flatnonzero(~np.isfinite(array))[0])
-            raise InputError(f"measurement '{self.name}': {what} {i + 1} is {array[i]}; allowed are finite numbers")
+            raise InputError(f"measurement '{self.name}': {what} {i + 1} is {array[i]}; allowed are finite numbers", row=i)
         return array

@@ -21,12 +21,11 @@ def _array(values: Any, what: str, *, increasing: bool = True) -> np.ndarray:
     if array.ndim != 1 or array.size == 0:
         raise InputError(f"{what}: an array of shape {array.shape} was given; allowed is a list of one number or more")
     if not np.all(np.isfinite(array)):
-        raise InputError(
-            f"{what}: number {int(np.flatnonzero(~np.isfinite(array))[0]) + 1} is {array[~np.isfinite(array)][0]}; allowed are finite numbers"
-        )
+        i = int(np.flatnonzero(~np.isfinite(array))[0])
+        raise InputError(f"{what}: number {i + 1} is {array[i]}; allowed are finite numbers", row=i)
     if increasing and np.any(np.diff(array) <= 0):
         i = int(np.flatnonzero(np.diff(array) <= 0)[0])
-        raise InputError(f"{what} is not increasing: number {i + 2} is {array[i + 1]:g} after {array[i]:g}")
+        raise InputError(f"{what} is not increasing: number {i + 2} is {array[i + 1]:g} after {array[i]:g}; allowed are numbers that rise", row=i + 1)
     return array
 
 
@@ -100,10 +99,11 @@ class Radial(Geometry):
             raise InputError(f"{what}: r_min = {low[0]:g}; allowed is 0 or more")
         if np.any(high <= low):
             i = int(np.flatnonzero(high <= low)[0])
-            raise InputError(f"{what}: ring {i + 1} goes from {low[i]:g} to {high[i]:g}; r_max must be above r_min")
+            raise InputError(f"{what}: ring {i + 1} goes from {low[i]:g} to {high[i]:g}; r_max must be above r_min", row=i)
         if np.any(low[1:] < high[:-1] * (1 - 1e-12)):
             i = int(np.flatnonzero(low[1:] < high[:-1] * (1 - 1e-12))[0])
-            raise InputError(f"{what}: r not increasing: ring {i + 2} starts at {low[i + 1]:g}, inside ring {i + 1} which ends at {high[i]:g}")
+            text = f"{what}: r not increasing: ring {i + 2} starts at {low[i + 1]:g}, before ring {i + 1} ends at {high[i]:g}"
+            raise InputError(f"{text}; allowed are rings that follow each other", row=i + 1)
         if isinstance(self.source, Line | Edge):
             raise InputError(f"{what}: rings around a {self.source.name}; allowed with it are distances r")
         if self.detector.radius > 0:

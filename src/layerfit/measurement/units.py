@@ -15,6 +15,8 @@ _QUANTITIES = {
     "per length": (-1, False, "1/mm"),
     "number": (0, False, "1"),
 }
+_ANGLES = ("radian", "degree", "turn")
+_SHARES = ("percent", "permille", "ppm")
 
 
 @cache
@@ -27,7 +29,8 @@ def _registry() -> Any:
 def factor_to_internal(unit: str, quantity: str, where: str) -> float:
     """The number by which a value in ``unit`` is multiplied to get the internal unit of a quantity.
 
-    Raises InputError for a text that is no unit, or a unit of another quantity. Nothing is guessed: 1/mm is no angular frequency.
+    Raises InputError for a text that is no unit, or a unit of another quantity. Nothing is guessed: 1/mm is no angular frequency, counts and
+    decibels are no reflectance.
 
     >>> factor_to_internal("1/cm^2", "per area", "value")
     0.01
@@ -35,20 +38,27 @@ def factor_to_internal(unit: str, quantity: str, where: str) -> float:
     0.01
     """
     power, angular, internal = _QUANTITIES[quantity]
-    if unit.strip() == internal:
+    unit = unit.strip()
+    if unit == internal or (unit == "-" and quantity == "number"):
         return 1.0
+    if not unit:
+        raise InputError(f"{where}: the unit is empty; allowed is for example {internal}")
     registry = _registry()
-    text = re.sub(r"(?<=[A-Za-zµ])(-?\d)", r"^\1", unit.strip())  # mm2, cm-1: as instruments write them
+    text = re.sub(r"(?<=[A-Za-zµμ])(-?\d)", r"^\1", unit)  # mm2, cm-1: as instruments write them
+    if quantity == "cycles":
+        text = re.sub(r"\bcycles?\b", "1", text)  # which counts the periods; to pint it is an angle of 2 pi
     try:
-        parsed = registry.Unit("dimensionless" if text == "1" else text)
-        dimensions = dict(parsed.dimensionality)
-    except Exception as error:  # pint raises half a dozen kinds, tokenizer errors among them
-        raise InputError(f"{where}: '{unit}' is not a unit ({type(error).__name__}); allowed is for example {internal}") from None
-    has_angle = "radian" in parsed._units or "degree" in parsed._units or "steradian" in parsed._units
-    if dimensions != ({"[length]": power} if power else {}) or has_angle != angular:
+        parsed = registry.Quantity(text)
+        units = parsed._units
+        powers = {name: registry.Unit(name).dimensionality for name in units}
+    except Exception:  # pint raises half a dozen kinds, tokenizer errors among them
+        raise InputError(f"{where}: '{unit}' is not a unit; allowed is for example {internal}") from None
+    has_angle = any(name in _ANGLES for name in units)
+    known = all(units[name] == 1 if name in _ANGLES else name in _SHARES or dict(power) == {"[length]": 1} for name, power in powers.items())
+    plain = parsed.magnitude == 1 and (bool(units) or text == "1")
+    if not (known and plain) or dict(parsed.dimensionality) != ({"[length]": power} if power else {}) or has_angle != angular:
         raise InputError(f"{where}: unit '{unit}' does not fit; allowed are units like {internal}{_hint(quantity, has_angle)}")
-    factor = (1.0 * parsed).to(registry.Unit("dimensionless" if internal == "1" else internal)).magnitude
-    return float(round(factor, 15)) if factor > 1e-3 else float(factor)
+    return float(f"{parsed.to(registry.Unit('dimensionless' if internal == '1' else internal)).magnitude:.15g}")
 
 
 def _hint(quantity: str, has_angle: bool) -> str:

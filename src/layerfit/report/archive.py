@@ -4,6 +4,7 @@ import json
 import math
 import os
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,7 @@ from .plots import plot_fit
 from .tables import versions
 
 if TYPE_CHECKING:
-    from ..inference.fit import Fit
+    from ..inference.fit import Estimate, Fit
 
 
 def writable_folder(folder: Any) -> Path:
@@ -32,15 +33,32 @@ def writable_folder(folder: Any) -> Path:
     return folder
 
 
+def writable_file(path: Any, *, keep: Sequence[Path] = ()) -> Path:
+    """A path at which a file can be written. Raises InputError where it cannot, or where it would replace one of ``keep``."""
+    path = Path(path)
+    if path.is_dir():
+        raise InputError(f"{path}: this is a folder; allowed is the name of a file in it")
+    if any(path.resolve() == other.resolve() for other in keep):
+        raise InputError(f"{path}: this would overwrite what was read or is written as well; allowed is another name")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: the folder {path.parent} does not exist; allowed is one that does")
+    writable_folder(path.parent)
+    return path
+
+
 def write(path: Any, content: str | bytes) -> Path:
     """Write a file through a temporary one beside it, so that it is never half there. Raises InputError where that cannot be done."""
     path = Path(path)
     try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        with os.fdopen(handle, "wb") as file:
-            file.write(content.encode() if isinstance(content, str) else content)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".layerfit.")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(content.encode() if isinstance(content, str) else content)
+            os.chmod(temporary, 0o644)
+            os.replace(temporary, path)
+        except BaseException:
+            os.unlink(temporary)
+            raise
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror})") from None
     return path
@@ -50,16 +68,18 @@ def _finite(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
 
 
+def _estimate_dict(estimate: "Estimate") -> dict[str, Any]:
+    return {"value": _finite(estimate.value), "stderr": _finite(estimate.stderr), "unit": estimate.unit, "at_bound": estimate.at_bound}
+
+
 def fit_dict(fit: "Fit") -> dict[str, Any]:
     """A fit as plain numbers and texts, physical units, null where there is no number."""
     return {
         "outcome": fit.outcome.value,
         "chi2_reduced": _finite(fit.chi2_reduced),
         "solver": fit.problem.chosen.name,
-        "parameters": {
-            name: {"value": p.value, "stderr": _finite(p.stderr), "unit": p.unit, "at_bound": p.at_bound} for name, p in fit.parameters.items()
-        },
-        "covariance": fit.covariance.tolist(),
+        "parameters": {name: _estimate_dict(estimate) for name, estimate in fit.parameters.items()},
+        "covariance": [[_finite(v) for v in row] for row in fit.covariance.tolist()],
         "warnings": list(fit.warnings),
         "chi2": _finite(fit.chi2),
         "degrees_of_freedom": fit.dof,

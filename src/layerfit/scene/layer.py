@@ -64,8 +64,8 @@ class _Medium(eqx.Module):
         n: Number,
         roughness: Number = 0.0,
     ):
-        if not isinstance(name, str) or not name or name != name.strip() or any(c in name for c in ".\n"):
-            raise InputError(f"layer name {name!r}: allowed is a non-empty text without dots")
+        if not isinstance(name, str) or not name or name != name.strip() or not name.isprintable() or "." in name or name == "scene":
+            raise InputError(f"layer name {name!r}: allowed is a non-empty text without dots, other than 'scene'")
         if (sigma_s is None) == (sigma_s_prime is None):
             given = "neither" if sigma_s is None else "both"
             raise InputError(f"layer '{name}': {given} of sigma_s and sigma_s_prime given; allowed is one of them")
