@@ -6,6 +6,7 @@ and a list of geometries into a `Forward`, in which everything that does not dep
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from dataclasses import fields
 from importlib import import_module
 from typing import Any, ClassVar, NamedTuple
 
@@ -66,6 +67,14 @@ class Solver(eqx.Module):
 
     name: ClassVar[str]
     references: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Its settings by name, those at their default included."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in self.settings.items())})"
 
     def resolve(self, stack: Stack, geometries: Sequence[Geometry]) -> "Solver":
         """The solver that will run; only a solver that chooses returns another than itself."""

@@ -9,7 +9,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from ..scene.drawing import stack_svg
-from .tables import derived_rows, parameter_rows, versions
+from .tables import chi_square_text, derived_rows, parameter_rows, solver_text, start_rows, versions
 
 if TYPE_CHECKING:
     from ..inference.fit import Fit
@@ -36,7 +36,10 @@ def _content(fit: "Fit") -> dict[str, Any]:
         "parameters": parameter_rows(fit),
         "derived": derived_rows(fit),
         "versions": versions(),
-        "solver": fit.problem.chosen,
+        "chi2": chi_square_text(fit.chi2),
+        "starts": start_rows(fit),
+        "solver": solver_text(fit.problem.chosen),
+        "references": fit.problem.chosen.references,
     }
 
 
@@ -48,8 +51,12 @@ def fit_report(fit: "Fit", curve: str, *, title: str = "layerfit") -> str:
 
 
 def _shaded(fit: "Fit") -> list[list[tuple[str, str]]]:
-    """Correlations as text and background colour: red for +1, blue for -1."""
-    return [[(f"{c:+.2f}", f"rgba({'192,57,43' if c > 0 else '31,78,121'},{0.75 * abs(c):.2f})") for c in row] for row in fit.correlation]
+    """Correlations as text and colours: red for +1, blue for -1."""
+
+    def style(c: float) -> str:
+        return f"background: rgba({'192,57,43' if c > 0 else '31,78,121'},{0.75 * abs(c):.2f}); color: {'white' if abs(c) > 0.6 else 'inherit'}"
+
+    return [[(f"{c:+.2f}", style(c)) for c in row] for row in fit.correlation]
 
 
 def fit_fragment(fit: "Fit") -> str:

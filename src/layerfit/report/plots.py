@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..measurement.geometry import Geometry, Radial, SpatialFrequency, value_unit
+from .tables import unit_text
 
 if TYPE_CHECKING:
     from ..inference.fit import Fit
@@ -24,21 +25,23 @@ def value_label(geometry: Geometry) -> str:
     """Name and unit of the values."""
     symbol = "R" if geometry.side == "above" else "T"
     argument = {"radial_reflectance": "(r)", "radial_transmittance": "(r)", "spatial_frequency": "(k)"}.get(geometry.kind, "")
-    unit = value_unit(geometry)
+    unit = unit_text(value_unit(geometry))
     return f"{symbol}{argument}" + (f" [{unit}]" if unit != "1" else "")
 
 
 def plot_fit(fit: "Fit") -> Figure:
     """Data with error bars, the fit, and residuals in standard deviations, one column a dataset."""
     data = fit.problem.data
-    figure = Figure(figsize=(1.0 + 4.6 * len(data), 5.4), layout="constrained")
-    axes = figure.subplots(2, len(data), height_ratios=[3, 1], squeeze=False, sharex="col")
+    widths = [4.6 if dataset.geometry.places() else 2.2 for dataset in data]
+    figure = Figure(figsize=(1.0 + sum(widths), 5.4), layout="constrained")
+    axes = figure.subplots(2, len(data), height_ratios=[3, 1], width_ratios=widths, squeeze=False, sharex="col")
     for i, dataset in enumerate(data):
         noise = 1.0 if fit.noise is None else fit.noise
         sd = dataset.sd if dataset.sd is not None else noise * np.abs(dataset.values)
         _panel(axes[0, i], axes[1, i], dataset.geometry, dataset.values, sd, fit.predictions[i], fit.residuals[i])
-        axes[0, i].set_title(dataset.name, fontsize="medium")
-    axes[0, 0].legend(frameon=False)
+        axes[0, i].set_title(dataset.name, fontsize="medium", parse_math=False)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    axes[0, 0].legend(handles[::-1], labels[::-1], frameon=False)
     axes[1, 0].set_ylabel("residual [sd]")
     return figure
 
@@ -73,8 +76,8 @@ def plot_correlation(fit: "Fit") -> Figure:
     figure = Figure(figsize=(side + 1.2, side), layout="constrained")
     axes = figure.subplots()
     image = axes.imshow(matrix, vmin=-1, vmax=1, cmap="RdBu_r")
-    axes.set_xticks(range(len(names)), names, rotation=45, ha="right", rotation_mode="anchor")
-    axes.set_yticks(range(len(names)), names)
+    axes.set_xticks(range(len(names)), names, rotation=45, ha="right", rotation_mode="anchor", parse_math=False)
+    axes.set_yticks(range(len(names)), names, parse_math=False)
     for i in range(len(names)):
         for j in range(len(names)):
             dark = abs(matrix[i, j]) > 0.6

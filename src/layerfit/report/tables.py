@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from ..arrays import AnyArray
 from ..inference.model import Scene
+from ..solver import Solver
 
 if TYPE_CHECKING:
     from ..inference.fit import Fit
@@ -36,6 +37,27 @@ def with_uncertainty(value: float, sd: float | None) -> str:
     return f"{round(value, digits):.{shown}f} ± {round(sd, digits):.{shown}f}"
 
 
+def unit_text(unit: str) -> str:
+    """A unit as it is printed: 1/mm² for 1/mm^2."""
+    return unit.replace("^2", "²")
+
+
+def chi_square_text(chi2: float) -> str:
+    """A chi-square with 4 digits; 0 where it is only rounding."""
+    return f"{chi2 if not chi2 < 1e-9 else 0.0:.4g}"
+
+
+def solver_text(solver: Solver) -> str:
+    """A solver and its settings: layered-diffusion (source mixed, ...)."""
+    settings = ", ".join(f"{name} {value}" for name, value in solver.settings.items())
+    return f"{solver.name} ({settings})" if settings else solver.name
+
+
+def start_rows(fit: "Fit") -> list[str]:
+    """Chi-square of each start, on the scale of the fit's own."""
+    return [chi_square_text(start.chi2 if fit.noise is None else start.chi2 / fit.noise**2) for start in fit.starts]
+
+
 def parameter_rows(fit: "Fit") -> list[dict[str, str]]:
     """One row a free number, as text."""
     rows = []
@@ -48,7 +70,7 @@ def parameter_rows(fit: "Fit") -> list[dict[str, str]]:
             {
                 "name": name,
                 "value": with_uncertainty(estimate.value, estimate.stderr),
-                "unit": estimate.unit,
+                "unit": unit_text(estimate.unit),
                 "bounds": f"{parameter.low:g} to {parameter.high:g}",
                 "note": note,
             }
@@ -97,7 +119,8 @@ def fit_text(fit: "Fit") -> str:
     """A fit as plain text."""
     rows = parameter_rows(fit)
     widths = {key: max(len(row[key]) for row in rows) for key in ("name", "value", "unit")}
-    lines = [f"{fit.outcome.value}: chi-square {fit.chi2:.4g}, {fit.dof} degrees of freedom, solver {fit.problem.chosen.name}"]
+    lines = [f"{fit.outcome.value}: chi-square {chi_square_text(fit.chi2)}, {fit.dof} degrees of freedom"]
+    lines.append(f"  solver {solver_text(fit.problem.chosen)}")
     for row in rows:
         lines.append(f"  {row['name']:<{widths['name']}}  {row['value']:<{widths['value']}}  {row['unit']:<{widths['unit']}}  {row['note']}".rstrip())
     return "\n".join([*lines, *(f"  ! {warning}" for warning in fit.warnings)])
