@@ -33,3 +33,5 @@ from .transport.interior import fluence as fluence
 from .transport.layered_diffusion import LayeredDiffusion as LayeredDiffusion
 from .transport.multipole import Dipole as Dipole
 from .transport.multipole import Multipole as Multipole
+from .validation import Validation as Validation
+from .validation import validate as validate

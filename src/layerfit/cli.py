@@ -158,6 +158,44 @@ class _progress:
 
 
 @main.command()
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.option("--solver", metavar="NAME", help="Solver to judge, instead of the one in the file.")
+@click.option("--photons", type=click.IntRange(1), metavar="N", help="Photons for each illumination [default: 1,000,000].")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, metavar="S", help="Seed of random numbers.")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder for table and figure (default: NAME-validation beside SCENE).")
+def validate(scene: Path, solver: str | None, photons: int | None, seed: int, out: Path | None) -> None:
+    """Hold the solver of SCENE against the Monte Carlo.
+
+    Ends with 1 where they differ by more than the solver's stated error.
+    """
+    _keep_compilations()
+    from .montecarlo_solver import PHOTONS
+    from .report.archive import writable_folder
+    from .scene_file import read_scene
+    from .validation import Verdict, check
+    from .validation import validate as run
+
+    description = read_scene(scene)
+    chosen, geometries = description.solver(solver), [m.geometry for m in description.measurements]
+    check(description.stack, geometries, chosen)
+    folder = writable_folder(scene.parent / f"{scene.stem}-validation" if out is None else out)
+    result = run(
+        description.stack,
+        geometries,
+        solver=chosen,
+        photons=PHOTONS if photons is None else photons,
+        seed=seed,
+        names=[m.name for m in description.measurements],
+        progress=sys.stderr.isatty(),
+    )
+    paths = result.save(folder)
+    click.echo(result.summary())
+    click.echo(f"figure: {paths['validation.svg']}")
+    if result.verdict in (Verdict.DISAGREE, Verdict.OVERSTATED):
+        sys.exit(1)
+
+
+@main.command()
 @click.argument("name", type=click.Choice(_EXAMPLES))
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder to make (default: the example's name).")
 def example(name: str, out: Path | None) -> None:

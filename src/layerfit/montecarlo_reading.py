@@ -52,12 +52,15 @@ class Reading:
             found = found + reflected[:, None]
         return found if self.weights is None else found @ self.weights.T
 
-    def value_and_error(self, result: mc.Result) -> tuple[np.ndarray, np.ndarray]:
-        """Means and standard errors. Where nothing was counted the error is what one photon would have added: none seen is not none there."""
+    def estimate(self, result: mc.Result) -> mc.Estimate:
+        """Means with standard errors. Where nothing was counted the error is what one photon would have added: none seen is not none there."""
         samples = self.samples(result)
         error = samples.std(axis=0, ddof=1) / np.sqrt(result.batches)
+        quantum = self.one / result.photons
         impossible = self.tally.startswith("T") and result.medium.half_space
-        return samples.mean(axis=0), error if impossible else np.where(np.any(samples != 0.0, axis=0), error, self.one / result.photons)
+        if not impossible:
+            error = np.where(np.any(samples != 0.0, axis=0), error, quantum)
+        return mc.Estimate(samples.mean(axis=0), error, result.batches - 1, samples, None if impossible or self.k else quantum)
 
 
 def reading(geometry: Geometry) -> Reading:

@@ -91,33 +91,40 @@ class _Simulation(Forward):
         return self.evaluate(columns).errors
 
     def evaluate(self, columns: Columns) -> Evaluation:
-        readings = [reading(geometry) for geometry in self.geometries]
-        planned = runs(readings)
-        settings = self.solver
-        values, errors = [np.zeros(0)] * len(readings), [np.zeros(0)] * len(readings)
-        interrupted, done = False, []
-        for run in planned:
-            result = mc.simulate(
-                medium(columns),
-                run.light,
-                run.tallies,
-                photons=settings.photons,
-                seed=int(settings.seed),
-                threads=settings.threads,
-                progress=settings.progress,
-                max_seconds=_SECONDS_AFTER_INTERRUPTION if interrupted else None,
-            )
-            interrupted = interrupted or result.outcome == "interrupted"
-            done.append(result.photons)
-            for i in run.members:
-                values[i], errors[i] = readings[i].value_and_error(result)
-        counts = ", ".join(f"{count:,}" for count in dict.fromkeys(done))
-        each = "" if len(planned) == 1 else f" for each of {len(planned)} illuminations"
-        if interrupted:
-            note = f"monte-carlo was interrupted: {counts} of {int(settings.photons):,} photons{each}, seed {int(settings.seed)}"
-        else:
-            note = f"monte-carlo: {counts} photons{each}, seed {int(settings.seed)}; the estimated error is one standard error"
-        return Evaluation(tuple(values), tuple(errors), (note,))
+        found, note = estimates(self.solver, columns, self.geometries)
+        return Evaluation(tuple(e.value for e in found), tuple(e.standard_error for e in found), (note,))
+
+
+def estimates(solver: MonteCarlo, columns: Columns, geometries: Sequence[Geometry]) -> tuple[list[mc.Estimate], str]:
+    """Every measurement with its errors and batches, and a sentence on the photons behind them.
+
+    After an interruption what is left gets two seconds each, so that nothing is without a value.
+    """
+    readings = [reading(geometry) for geometry in geometries]
+    planned = runs(readings)
+    found: dict[int, mc.Estimate] = {}
+    interrupted, done = False, []
+    for run in planned:
+        result = mc.simulate(
+            medium(columns),
+            run.light,
+            run.tallies,
+            photons=solver.photons,
+            seed=int(solver.seed),
+            threads=solver.threads,
+            progress=solver.progress,
+            max_seconds=_SECONDS_AFTER_INTERRUPTION if interrupted else None,
+        )
+        interrupted = interrupted or result.outcome == "interrupted"
+        done.append(result.photons)
+        found |= {i: readings[i].estimate(result) for i in run.members}
+    counts = " and ".join(f"{count:,}" for count in dict.fromkeys(done))
+    each = "" if len(planned) == 1 else f" for each of {len(planned)} illuminations"
+    if interrupted:
+        note = f"monte-carlo was interrupted: {counts} of {int(solver.photons):,} photons{each}, seed {int(solver.seed)}"
+    else:
+        note = f"monte-carlo: {counts} photons{each}, seed {int(solver.seed)}; its error is one standard error"
+    return [found[i] for i in range(len(readings))], note
 
 
 def _whole(what: str, value: Any, least: int) -> None:
