@@ -7,6 +7,7 @@ from .layer import Layer
 from .stack import Stack
 
 _WIDTH, _HEIGHT, _LABEL = 150, 240, 330
+_LETTER = 7.5  # width that a bold letter of 12 pixels rarely exceeds on average
 
 
 def stack_svg(stack: Stack) -> str:
@@ -22,8 +23,10 @@ def stack_svg(stack: Stack) -> str:
         edges.append(edges[-1] + height)
     labels = _spread([(a + b) / 2 for a, b in pairwise(edges)], 30.0, top + 6)
     bottom = max(edges[-1] + 26, labels[-1] + 26)
+    longest = max(len(layer.name) for layer in stack.layers) + len(" half space")
+    width = _WIDTH + max(_LABEL, 24 + _LETTER * longest)
     parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{_WIDTH + _LABEL}" height="{bottom:.0f}" role="img" aria-label="layers drawn to scale" '
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.0f}" height="{bottom:.0f}" role="img" aria-label="layers drawn to scale" '
         'font-family="sans-serif" font-size="12">',
         '<defs><linearGradient id="deep" x1="0" y1="0" x2="0" y2="1"><stop offset="0.5" stop-color="white" stop-opacity="0"/>'
         '<stop offset="1" stop-color="white"/></linearGradient></defs>',
@@ -45,7 +48,8 @@ def stack_svg(stack: Stack) -> str:
         parts.append(f'<text x="{_WIDTH + 16}" y="{label:.1f}"><tspan font-weight="bold">{escape(layer.name)}</tspan> {thickness}</text>')
         parts.append(f'<text x="{_WIDTH + 16}" y="{label + 14:.1f}" fill="#555">{numbers}</text>')
     if not stack.half_space:
-        parts.append(f'<text x="0" y="{edges[-1] + 18:.1f}" fill="#555">below: n = {float(stack.n_below):g}</text>')
+        rough = f", rough {float(stack.roughness_below):.3g}" if float(stack.roughness_below) > 0 else ""
+        parts.append(f'<text x="0" y="{edges[-1] + 18:.1f}" fill="#555">below: n = {float(stack.n_below):g}{rough}</text>')
     return "".join([*parts, "</svg>"])
 
 
