@@ -1,9 +1,10 @@
 """Stored values of R(r) in arbitrary precision, for the test of the Hankel inversion.
 
-    python tests/reference/make_hankel.py        # needs mpmath; writes tests/reference/hankel.json, about five minutes
+    python tests/reference/make_hankel.py        # needs mpmath; writes tests/reference/hankel.json, a few minutes
 
-Method: R(r) = (1/4 pi) int k F(k) H0(k r) dk along the line Im k = c below the nearest singularity of F (30 digits); there the integrand carries the
-factor exp(-c r), so that no digits cancel at large r. F is written here once more, from the textbook: the multipole with hyperbolic functions and
+Method: R(r) = (1/2 pi) Re int k F(k) H0(k r) dk from i c to infinity at 45 degrees (30 digits), c below the nearest singularity of F: all of them
+lie on the imaginary axis, and between 0 and i c the integrand is imaginary. On this path it carries the factor exp(-c r) and decays without
+oscillation, so that no digits cancel. F is written here once more, from the textbook: the multipole with hyperbolic functions and
 the Kubelka-Munk sum (Donner & Jensen 2005, eqs 21, 22); layered diffusion by solving for the amplitudes of growing and decaying exponentials.
 """
 
@@ -70,7 +71,7 @@ def multipole_half(sigma_a, sigma_s, A0):
 
 
 def layered_diffusion(layers, n, half_space):
-    """Reflected flux and fluence of N layers of one index, extrapolated boundaries, D = 1/(3 sigma_t'), point at transport depth 1 in the first layer.
+    """Exitance of N layers of one index: extrapolated boundaries, D = 1/(3 sigma_t'), point at transport depth 1 in the first layer.
 
     Returns F(k) = (1 - R1)/4 phi + (1 - R2)/2 J per unit power that has entered.
     """
@@ -79,14 +80,12 @@ def layered_diffusion(layers, n, half_space):
     rows = [(mp.mpf(a), mp.mpf(s), None if d is None else mp.mpf(d)) for a, s, d in layers]
     D = [1 / (3 * (a + s)) for a, s, _ in rows]
     z0 = 1 / (rows[0][0] + rows[0][1])
-    alpha = rows[0][1] * z0
     power = alpha_total(rows)
     zb = 2 * A * D[0]
     zb_last = 2 * A * D[-1]
-    del alpha
 
     def F(k):
-        g = [mp.sqrt(k**2 + a / Di) for (a, _, _), Di in zip(rows, D)]
+        g = [mp.sqrt(k**2 + a / Di) for (a, _, _), Di in zip(rows, D, strict=True)]
         # layer i: a_i exp(-g (z - top)) + b_i exp(-g (bottom - z)); unknowns in order
         count = 2 * len(rows) - (1 if half_space else 0)
         M, v = mp.matrix(count, count), mp.matrix(count, 1)
@@ -96,10 +95,10 @@ def layered_diffusion(layers, n, half_space):
                 tops.append(tops[-1] + d)
         source = power / (2 * D[0] * g[0])
         # extrapolated boundary at -zb: phi = 0
-        M[0, 0] = mp.exp(g[0] * zb)
+        M[0, 0] = 1
         if not (half_space and len(rows) == 1):
-            M[0, 1] = mp.exp(-g[0] * (rows[0][2] + zb))
-        v[0] = -source * mp.exp(-g[0] * (z0 + zb))
+            M[0, 1] = mp.exp(-g[0] * (rows[0][2] + 2 * zb))
+        v[0] = -source * mp.exp(-g[0] * (z0 + 2 * zb))
         row = 1
         for i in range(len(rows) - 1):
             d = rows[i][2]
@@ -116,8 +115,8 @@ def layered_diffusion(layers, n, half_space):
         if not half_space:
             i = len(rows) - 1
             d = rows[i][2]
-            M[row, 2 * i], M[row, 2 * i + 1] = mp.exp(-g[i] * (d + zb_last)), mp.exp(g[i] * zb_last)
-            v[row] = -source * mp.exp(-g[0] * (d + zb_last - z0)) if i == 0 else 0
+            M[row, 2 * i], M[row, 2 * i + 1] = mp.exp(-g[i] * (d + 2 * zb_last)), 1
+            v[row] = -source * mp.exp(-g[0] * (d + 2 * zb_last - z0)) if i == 0 else 0
         x = mp.lu_solve(M, v)
         b = x[1] * mp.exp(-g[0] * rows[0][2]) if not (half_space and len(rows) == 1) else 0
         direct = source * mp.exp(-g[0] * z0)
@@ -140,19 +139,16 @@ def alpha_total(rows):
 
 def profile(F, sigma_min, radii):
     values = []
-    c = mp.mpf("0.6") * sigma_min
-    for r in radii:
-        r = mp.mpf(r)
+    start, direction = mp.mpc(0, mp.mpf("0.6") * sigma_min), mp.expjpi(mp.mpf(1) / 4)
+    for r in map(mp.mpf, radii):
 
         def f(t, r=r):
-            k = mp.mpc(t, c)
-            return mp.re(k * F(k) * mp.hankel1(0, k * r))
+            k = start + t * direction
+            return mp.re(k * F(k) * mp.hankel1(0, k * r) * direction)
 
-        scale = 1 / r
-        edges = [0] + [scale * mp.mpf(2) ** j for j in range(-3, 3)]
-        while edges[-1] < 90:
-            edges.append(edges[-1] + max(2 * scale, edges[-1] / 3))
-        values.append(mp.nstr(mp.quad(f, edges, maxdegree=7) / (2 * mp.pi), 17))
+        end = min(mp.mpf(110), 110 / r)  # F has died out, or H0 has
+        edges = [0, *(end * mp.mpf(2) ** (j - 12) for j in range(13))]
+        values.append(mp.nstr(mp.quad(f, edges, method="gauss-legendre", maxdegree=4) / (2 * mp.pi), 17))
     return values
 
 

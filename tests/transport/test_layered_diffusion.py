@@ -8,8 +8,9 @@ import pytest
 import layerfit as lf
 from layerfit.optics.hankel import Kernel, Span, Term, quadrature
 from layerfit.scene.columns import Columns, to_columns
+from layerfit.transport.diffusion_pieces import Numbers
 from layerfit.transport.interior import fluence_images, spectral_fluence
-from layerfit.transport.layered_diffusion import LayeredDiffusion, _Numbers
+from layerfit.transport.layered_diffusion import LayeredDiffusion
 
 HALF = lf.Stack([lf.HalfSpace("tissue", sigma_a=0.01, sigma_s_prime=1.0, g=0.8, n=1.4)])
 ENTERING = 1 - (0.4 / 2.4) ** 2
@@ -62,7 +63,7 @@ def light_propagation(mu_a, mu_s_prime, thickness):
     zero = scalars(0 * mu_a)
     first = scalars([1.0, *([0.0] * (len(mu_a) - 1))])
     depth = scalars([1 / mu_s_prime[0], *([0.0] * (len(mu_a) - 1))])
-    return _Numbers(
+    return Numbers(
         N=scalars(D),
         decay2=scalars(mu_a / D),
         thickness=scalars(thickness),

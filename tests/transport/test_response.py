@@ -7,8 +7,8 @@ import pytest
 
 import layerfit as lf
 from layerfit.scene.columns import to_columns
+from layerfit.transport.beam import point_sources
 from layerfit.transport.diffusion_layer import exponential_source_layer
-from layerfit.transport.layered_diffusion import _point_sources
 from layerfit.transport.response import Beamed, Response, Scalar, compose, compose_all, excess_reflection, reflection
 
 K = jnp.concatenate([jnp.zeros(1), jnp.geomspace(1e-2, 30, 12)])
@@ -169,7 +169,7 @@ def test_one_layer_with_a_beam(depth):
 
 def test_point_source_conserves_what_is_scattered():
     columns = to_columns(three_layers())
-    (strength, depth), _ = _point_sources(columns, jnp.ones(3), None)
+    (strength, depth), _ = point_sources(columns, jnp.ones(3), None)
     tau = np.concatenate([[0], np.cumsum(np.asarray(columns.sigma_t_prime * columns.thickness))])
     scattered = sum(np.exp(-tau[i]) * -np.expm1(tau[i] - tau[i + 1]) * float(columns.sigma_s_prime[i] / columns.sigma_t_prime[i]) for i in range(3))
     inside = int(np.argmax(np.asarray(strength)))

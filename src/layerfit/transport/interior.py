@@ -16,8 +16,9 @@ from ..scene.layer import Layer
 from ..scene.stack import Stack
 from ..solver import Domain
 from .diffusion_layer import decay_rate
+from .diffusion_pieces import Numbers, Scalars, first_boundary, first_medium
 from .images import Images
-from .layered_diffusion import LayeredDiffusion, Scalars, _Numbers, first_boundary, first_medium
+from .layered_diffusion import LayeredDiffusion
 from .response import Beamed, between, compose, compose_all, excess_reflection, reflection
 
 
@@ -75,7 +76,7 @@ def absorbed(stack: Stack, *, solver: LayeredDiffusion | None = None) -> dict[st
     return {layer.name: float(fluxes[i] - fluxes[i + 1]) for i, layer in enumerate(stack.layers)}
 
 
-def _nearest(stack: Stack, numbers: _Numbers, depth: float) -> float:
+def _nearest(stack: Stack, numbers: Numbers, depth: float) -> float:
     """Distance from a depth to the nearest plane where the fluence bends: faces and the point source. The spectrum decays over it."""
     tops = np.cumsum([0.0, *(float(d) for d in numbers.thickness)])
     source = [t + float(z) for t, z, s in zip(tops, numbers.down[1], numbers.down[0], strict=False) if float(s) > 0]
@@ -93,7 +94,7 @@ def _locate(stack: Stack, depths: np.ndarray) -> list[tuple[int, float]]:
     return [(int(i), float(z - tops[i])) for i, z in zip(found, depths, strict=True)]
 
 
-def _cut(numbers: _Numbers, i: int, z: Any) -> _Numbers:
+def _cut(numbers: Numbers, i: int, z: Any) -> Numbers:
     """The same stack with layer i cut in two at depth z below its upper face."""
     extinction = numbers.extinction[i]
     finite = i < len(numbers.thickness)
@@ -133,14 +134,14 @@ def _cut(numbers: _Numbers, i: int, z: Any) -> _Numbers:
     )
 
 
-def _parts(solver: LayeredDiffusion, numbers: _Numbers, i: int, z: Any, k: Float[Array, "*k"]):
+def _parts(solver: LayeredDiffusion, numbers: Numbers, i: int, z: Any, k: Float[Array, "*k"]):
     """Pieces above and below depth z of layer i."""
     pieces = solver.pieces(_cut(numbers, i, z), k)
     split = 2 * (i + 1)  # face, layer, interface, layer, ...: the new interface belongs to the lower part
     return pieces[:split], pieces[split:]
 
 
-def _currents(solver: LayeredDiffusion, numbers: _Numbers, i: int, z: Any, k: Float[Array, "*k"]) -> tuple[Beamed, Beamed]:
+def _currents(solver: LayeredDiffusion, numbers: Numbers, i: int, z: Any, k: Float[Array, "*k"]) -> tuple[Beamed, Beamed]:
     """Light going down and up at depth z of layer i, for a beam of power 1 from above."""
     above, below = _parts(solver, numbers, i, z, k)
     lower = reflection(below)
@@ -149,7 +150,7 @@ def _currents(solver: LayeredDiffusion, numbers: _Numbers, i: int, z: Any, k: Fl
 
 
 def spectral_fluence(
-    solver: LayeredDiffusion, numbers: _Numbers, i: int, z: float, k: Float[Array, "*k"], *, without_images: bool = False
+    solver: LayeredDiffusion, numbers: Numbers, i: int, z: float, k: Float[Array, "*k"], *, without_images: bool = False
 ) -> Float[Array, "*k"]:
     """Fluence over n^2 at depth z of layer i, at spatial frequency k; without that of a half space of the first medium if asked (i = 0)."""
     if not without_images:
@@ -171,7 +172,7 @@ def spectral_fluence(
     return 2.0 * (more.source + change.source)
 
 
-def fluence_images(numbers: _Numbers, z: float) -> Images:
+def fluence_images(numbers: Numbers, z: float) -> Images:
     """Fluence over n^2 at depth z in a half space of the first medium (extrapolated boundary, point source)."""
     strength, depth = numbers.down[0][0] * (1.0 - numbers.edge_beam[0]), numbers.down[1][0]
     image = depth + z + 4.0 * numbers.edge_A[0] * first_boundary(numbers).edge_D[0]
@@ -179,6 +180,6 @@ def fluence_images(numbers: _Numbers, z: float) -> Images:
     return Images(jnp.stack([jnp.abs(depth - z), image]), jnp.zeros(2), fluence, decay_rate(numbers.decay2[0]))
 
 
-def _net_flux(solver: LayeredDiffusion, numbers: _Numbers, i: int, z: Any) -> Float[Array, ""]:
+def _net_flux(solver: LayeredDiffusion, numbers: Numbers, i: int, z: Any) -> Float[Array, ""]:
     down, up = _currents(solver, numbers, i, z, jnp.zeros(()))
     return down.source + down.beam - up.source - up.beam

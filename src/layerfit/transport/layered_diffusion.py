@@ -1,45 +1,34 @@
 """Exact diffusion in N layers, at each spatial frequency."""
 
-from dataclasses import replace
 from typing import ClassVar, Literal, get_args
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.core import Tracer
 from jaxtyping import Float
 
-from ..errors import InputError
-from ..measurement.geometry import Geometry, Radial, Total
-from ..optics.diffusion import DiffusionCoefficient, diffusion_coefficient, exponential_share, mean_optical_depth
+from ..errors import InputError, one_of
+from ..measurement.geometry import Geometry
+from ..optics.diffusion import DiffusionCoefficient, diffusion_coefficient, exponential_share
 from ..optics.fresnel import reflectance
 from ..optics.hankel import Span
-from ..optics.special import expc, tanhc
+from ..optics.special import tanhc
 from ..scene.columns import Columns
 from ..scene.stack import Stack
 from ..solver import Domain
-from .diffusion_layer import (
-    decay_rate,
-    exponential_source_layer,
-    half_space_emission,
-    half_space_exponential,
-    half_space_reflection,
-    point_source_layer,
-)
+from .beam import point_sources, refracted, seen_from_above, seen_from_below
+from .diffusion_layer import decay_rate
+from .diffusion_limits import check_aperture, diffusion_notes
+from .diffusion_pieces import Numbers, beam_alone, first_boundary, first_medium, half_space_piece, interface_piece, layer_piece
 from .faces import beam_reflectance, face
 from .images import Images
-from .response import Beamed, Response, Scalar, compose, compose_all, excess_reflection, reflection
-from .spectral import SpectralSolver, Spectrum, by_frequency
+from .response import Beamed, Response, compose, compose_all, excess_reflection, reflection
+from .spectral import SpectralSolver, Spectrum, aperture, by_frequency, over_incidence
 
 SourceModel = Literal["mixed", "point", "exponential"]
 Boundary = Literal["averaged", "extrapolated", "partial_current"]
-
-
-def one_of(value: str, allowed: tuple[str, ...], what: str) -> None:
-    if value not in allowed:
-        raise InputError(f"{what} = {value!r}; allowed: {', '.join(allowed)}")
 
 
 class LayeredDiffusion(SpectralSolver):
@@ -124,26 +113,26 @@ class LayeredDiffusion(SpectralSolver):
 
     def numbers(
         self, columns: Columns, *, mu: Float[Array, ""] | float = 1.0, na_above: float | None = None, na_below: float | None = None
-    ) -> "_Numbers":
+    ) -> Numbers:
         """All that the spectrum needs of a stack and does not depend on k.
 
         mu : cosine of incidence in the medium above.
         """
         D = self.coefficient(columns)
-        cosines = _refracted(columns, mu)
+        cosines = refracted(columns, mu)
         share = self.shares(columns)
         zero = jnp.zeros_like(columns.sigma_a)
         fed = zero if share is None else share * columns.sigma_s_prime / cosines
-        planes = _point_sources(columns, cosines, share) if self.source != "exponential" else ((zero, zero), (zero, zero))
+        planes = point_sources(columns, cosines, share) if self.source != "exponential" else ((zero, zero), (zero, zero))
         # a point source stands for a beam that crosses the whole sample; reflections inside (a few 1e-4) would start beams it does not feed
         inner = reflectance(cosines[:-1], columns.n[:-1] / columns.n[1:]) if self.source == "exponential" else zero[1:]
         outside = [(columns.n_above, 0, na_above)] + ([] if columns.half_space else [(columns.n_below, -1, na_below)])
         optics = [face(columns.n[i], n_outside, columns.roughness[i], smooth=columns.smooth[i], na=na) for n_outside, i, na in outside]
-        seen = [_seen_from_above(columns)] + ([] if columns.half_space else [_seen_from_below(columns)])
+        seen = [seen_from_above(columns)] + ([] if columns.half_space else [seen_from_below(columns)])
         edge_beams = [
             beam_reflectance(cosines[i], columns.n[i] / n_outside, columns.roughness[i], smooth=columns.smooth[i]) for n_outside, i, _ in outside
         ]
-        return _Numbers(
+        return Numbers(
             N=tuple(columns.n**2 * D),
             decay2=tuple(columns.sigma_a / D),
             thickness=tuple(columns.thickness),
@@ -164,7 +153,7 @@ class LayeredDiffusion(SpectralSolver):
             pointed=self.source != "exponential",
         )
 
-    def pieces(self, numbers: "_Numbers", k: Float[Array, "*k"]) -> list[Response[Beamed]]:
+    def pieces(self, numbers: Numbers, k: Float[Array, "*k"]) -> list[Response[Beamed]]:
         """Responses from top to bottom: face, layer, (interface, layer) ..., face.
 
         The diffuse channels are the partial currents of `diffusion_layer`.
@@ -173,16 +162,16 @@ class LayeredDiffusion(SpectralSolver):
         pieces = [self._face(numbers, 0, k)]
         for i in range(len(numbers.N)):
             if i > 0:
-                pieces.append(_interface(numbers.inner_beam[i - 1] * one))
+                pieces.append(interface_piece(numbers.inner_beam[i - 1] * one))
             if i < len(numbers.thickness):
-                pieces.append(_layer(numbers, i, k))
+                pieces.append(layer_piece(numbers, i, k))
             else:
-                pieces.append(_half_space(numbers, i, k))
+                pieces.append(half_space_piece(numbers, i, k))
         if not numbers.half_space:
             pieces.append(self._face(numbers, 1, k).reversed())
         return pieces
 
-    def _face(self, numbers: "_Numbers", side: int, k: Float[Array, "*k"]) -> Response[Beamed]:
+    def _face(self, numbers: Numbers, side: int, k: Float[Array, "*k"]) -> Response[Beamed]:
         """An outer face, light coming from outside first."""
         A, n2 = numbers.edge_A[side], numbers.edge_n2[side]
         ratio = self.ratio(k**2 + numbers.edge_decay2[side], A, numbers.edge_D[side])
@@ -202,7 +191,7 @@ class LayeredDiffusion(SpectralSolver):
         na = aperture(geometry)
         na_above, na_below = (na, None) if geometry.side == "above" else (None, na)
 
-        def diffuse(numbers: _Numbers, k: Float[Array, "*k"]) -> Float[Array, "*k"]:
+        def diffuse(numbers: Numbers, k: Float[Array, "*k"]) -> Float[Array, "*k"]:
             if without_images:
                 return self._beyond_images(numbers, k)
             pieces = self.pieces(numbers, k)
@@ -210,14 +199,14 @@ class LayeredDiffusion(SpectralSolver):
 
         def at(mu: Float[Array, ""] | float) -> Spectrum:
             numbers = self.numbers(columns, mu=mu, na_above=na_above, na_below=na_below)
-            beam = _unscattered(numbers)
+            beam = beam_alone(numbers)
             specular = numbers.edge_beam[0]
             unscattered = beam.R_above.value - specular if geometry.side == "above" else beam.T_down.value
             return Spectrum(by_frequency(diffuse, numbers, k), unscattered, specular)
 
         return over_incidence(at, geometry)
 
-    def _beyond_images(self, numbers: "_Numbers", k: Float[Array, "*k"]) -> Float[Array, "*k"]:
+    def _beyond_images(self, numbers: Numbers, k: Float[Array, "*k"]) -> Float[Array, "*k"]:
         """The reflected spectrum less that of a half space of the first medium, which is what `images` describes."""
         if len(numbers.thickness) == 0:
             return jnp.zeros_like(k)
@@ -256,207 +245,3 @@ class LayeredDiffusion(SpectralSolver):
             ends = (low.thickness[0], low.thickness[-1])
             k_high = max(k_high, 20.0 / max(float(min(ends)), 1e-6 / extinction))
         return Span(k_low, k_high, tail)
-
-
-def check_aperture(stack: Stack, geometry: Geometry) -> None:
-    """Raise InputError for a numerical aperture behind a rough face, whose blur of directions diffusion does not know."""
-    if aperture(geometry) is not None and any(float(layer.roughness) > 0 for layer in stack.layers[:1]):
-        raise InputError("detector na below 1 with a rough surface: diffusion cannot tell which directions are collected; allowed is na = 1")
-
-
-def aperture(geometry: Geometry) -> float | None:
-    """Numerical aperture of a geometry, None where all directions are collected."""
-    if isinstance(geometry, Radial) and geometry.detector.na < 1.0:
-        return geometry.detector.na
-    return None
-
-
-def over_incidence(at, geometry: Geometry) -> Spectrum:
-    """The spectrum for a geometry's incidence: normal, one angle, or the average over a Lambertian source."""
-    if not isinstance(geometry, Total):
-        return at(1.0)
-    mu, weight = geometry.cosines()
-    if len(mu) == 1:
-        return at(float(mu[0]))
-    spectra = jax.vmap(at)(jnp.asarray(mu))
-    return jax.tree.map(lambda x: jnp.tensordot(jnp.asarray(weight), x, axes=1), spectra)
-
-
-def diffusion_notes(stack: Stack) -> tuple[str, ...]:
-    """Where diffusion is known to be poor."""
-    notes = []
-    for layer in stack.layers:
-        scattering, absorption = float(layer.sigma_s_prime), float(layer.sigma_a)
-        if scattering < 10.0 * absorption:
-            notes.append(
-                f"layer '{layer.name}': sigma_s'/sigma_a = {scattering / absorption:.2g} is below 10, where diffusion is off by 10 % and more"
-            )
-        thickness = float(getattr(layer, "thickness", np.inf))
-        if thickness * (scattering + absorption) < 2.0:
-            optical = thickness * (scattering + absorption)
-            notes.append(f"layer '{layer.name}' is {optical:.2g} transport mean free paths thick; below 2 diffusion is off by 10 % and more")
-    return tuple(notes)
-
-
-def _unknown(columns: Columns) -> tuple[bool, ...]:
-    return columns.g_unknown
-
-
-def _refracted(columns: Columns, mu: Float[Array, ""] | float) -> Float[Array, "layers"]:
-    """Cosine of the beam in each layer."""
-    if isinstance(mu, float) and mu == 1.0:
-        return jnp.ones_like(columns.n)
-    sine = jnp.sqrt(jnp.maximum(1.0 - jnp.asarray(mu) ** 2, 0.0)) * columns.n_above / columns.n
-    return jnp.sqrt(jnp.maximum(1.0 - sine**2, 1e-12))
-
-
-Plane = tuple[Float[Array, "layers"], Float[Array, "layers"]]
-Scalars = tuple[Float[Array, ""], ...]
-
-
-class _Numbers(eqx.Module):
-    """A stack as its spectrum sees it: scalars, one a layer, a face or an inner interface."""
-
-    N: Scalars  # n^2 D [mm]
-    decay2: Scalars  # sigma_a/D [1/mm^2]
-    thickness: Scalars
-    extinction: Scalars  # of the beam, per depth [1/mm]
-    fed: Scalars  # beam to diffuse light along the way, per depth [1/mm]
-    down: tuple[Scalars, Scalars]  # point sources of a beam from above: strength per unit of beam at the upper face, depth below it [mm]
-    up: tuple[Scalars, Scalars]  # the same from below
-    inner_beam: Scalars  # reflectances for the beam
-    edge_beam: Scalars
-    edge_A: Scalars
-    edge_D: Scalars  # of the medium that the extrapolated boundary continues, see _seen_from_above
-    edge_decay2: Scalars
-    edge_n2: Scalars
-    exit_fluence: Scalars
-    exit_flux: Scalars
-    half_space: bool = eqx.field(static=True)
-    spread: bool = eqx.field(static=True)  # part of the source follows the beam
-    pointed: bool = eqx.field(static=True)  # part of it is a point
-
-
-def _seen_from_above(columns: Columns) -> Float[Array, "layers"]:
-    """Weight exp(-transport optical depth) of each layer, sum 1: how much of it a face sees.
-
-    Textbooks continue the first layer beyond the face. A first layer much thinner than a mean free path then rules the boundary alone, and at
-    thickness 0 the result jumps. Weighted so, thick first layers change nothing, a layer of no thickness is nothing, and splitting one is harmless.
-    """
-    tau = columns.sigma_t_prime[: columns.thickness.shape[0]] * columns.thickness
-    above = jnp.exp(-jnp.concatenate([jnp.zeros(1), jnp.cumsum(tau)]))
-    if columns.half_space:
-        return jnp.concatenate([-jnp.diff(above), above[-1:]])
-    # all layers equally in the limit of a thin sample: (1 - exp(-tau))/(1 - exp(-sum)) without 0/0
-    share = above[:-1] * tau * expc(tau)
-    return share / jnp.sum(share)
-
-
-def _seen_from_below(columns: Columns) -> Float[Array, "layers"]:
-    upside_down = eqx.tree_at(
-        lambda c: (c.sigma_a, c.sigma_s_prime, c.thickness), columns, (columns.sigma_a[::-1], columns.sigma_s_prime[::-1], columns.thickness[::-1])
-    )
-    return _seen_from_above(upside_down)[::-1]
-
-
-def _point_sources(columns: Columns, cosines: Float[Array, "layers"], share: Float[Array, "layers"] | None) -> tuple[Plane, Plane]:
-    """Point sources of a beam from above and from below, see `_Numbers`."""
-    extinction = columns.sigma_t_prime / cosines
-    fed = columns.sigma_s_prime / columns.sigma_t_prime
-    if share is not None:
-        fed = fed * (1.0 - share)
-    down = _point_source(extinction, fed, columns.thickness, columns.half_space)
-    if columns.half_space:
-        return down, (jnp.zeros_like(fed), jnp.zeros_like(fed))
-    strength, depth = _point_source(extinction[::-1], fed[::-1], columns.thickness[::-1], False)
-    return down, (strength[::-1], depth[::-1])
-
-
-def _point_source(extinction: Float[Array, "layers"], fed: Float[Array, "layers"], thickness: Float[Array, "finite"], half_space: bool) -> Plane:
-    tau = extinction[: thickness.shape[0]] * thickness
-    above = jnp.concatenate([jnp.zeros(1), jnp.cumsum(tau)])  # optical depth of each upper face
-    if half_space:
-        target = jnp.ones(())
-        lost = jnp.concatenate([-jnp.expm1(-tau), jnp.ones(1)])
-        inside = (above <= target) & (jnp.concatenate([above[1:], jnp.full(1, jnp.inf)]) > target)
-    else:
-        target = mean_optical_depth(above[-1])
-        lost = -jnp.expm1(-tau)
-        above = above[:-1]
-        inside = (above <= target) & (above + tau > target)
-        inside = inside.at[-1].set(inside[-1] | ~jnp.any(inside))
-    power = jnp.sum(jnp.exp(-above) * lost * fed)
-    depth = (target - above) / extinction
-    return jnp.where(inside, power * jnp.exp(jnp.where(inside, above, 0.0)), 0.0), jnp.where(inside, depth, 0.0)
-
-
-def _interface(beam: Float[Array, "*k"]) -> Response[Beamed]:
-    """Between two layers: the diffuse channels are continuous, the beam is partly reflected."""
-    one, zero = jnp.ones_like(beam), jnp.zeros_like(beam)
-    back, through = Beamed(zero, zero, beam), Beamed(one, zero, one - beam)
-    return Response(back, back, through, through)
-
-
-def _unscattered(numbers: _Numbers) -> Response[Scalar]:
-    """The beam alone, which knows no frequency: faces, attenuation, inner interfaces."""
-
-    def mirror(reflectance: Float[Array, ""]) -> Response[Scalar]:
-        back, through = Scalar(reflectance), Scalar(1.0 - reflectance)
-        return Response(back, back, through, through)
-
-    pieces = [mirror(numbers.edge_beam[0])]
-    for i, extinction in enumerate(numbers.extinction):
-        if i > 0:
-            pieces.append(mirror(numbers.inner_beam[i - 1]))
-        finite = i < len(numbers.thickness)
-        passing = jnp.exp(-extinction * numbers.thickness[i]) if finite else jnp.zeros_like(extinction)
-        none, through = Scalar(jnp.zeros_like(extinction)), Scalar(passing)
-        pieces.append(Response(none, none, through, through))
-    if not numbers.half_space:
-        pieces.append(mirror(numbers.edge_beam[1]))
-    return compose_all(pieces)
-
-
-def _layer(numbers: _Numbers, i: int, k: Float[Array, "*k"]) -> Response[Beamed]:
-    one = jnp.ones_like(k)
-    N, d, extinction = (one * x[i] for x in (numbers.N, numbers.thickness, numbers.extinction))
-    q = k**2 + numbers.decay2[i]
-    spread = exponential_source_layer(N, q, d, extinction, one * numbers.fed[i]) if numbers.spread else None
-    if not numbers.pointed:
-        assert spread is not None
-        return spread
-    down, up = ((one * strength[i], one * depth[i]) for strength, depth in (numbers.down, numbers.up))
-    point = point_source_layer(N, q, d, jnp.exp(-extinction * d), down, up)
-    if spread is None:
-        return point
-
-    def join(a: Beamed, b: Beamed) -> Beamed:
-        return Beamed(a.diffuse, a.source + b.source, a.beam)
-
-    return jax.tree.map(join, point, spread, is_leaf=lambda x: isinstance(x, Beamed))
-
-
-def first_medium(numbers: _Numbers, k: Float[Array, "*k"]) -> Beamed:
-    """Reflection of a half space of the first layer's medium that no source lies in."""
-    zero = jnp.zeros_like(k)
-    return Beamed(half_space_reflection(numbers.N[0], k**2 + numbers.decay2[0]), zero, zero)
-
-
-def first_boundary(numbers: _Numbers) -> _Numbers:
-    """The same with the extrapolated boundary of the first medium, the one that has images."""
-    return replace(
-        numbers,
-        edge_D=(numbers.N[0] / numbers.edge_n2[0], *numbers.edge_D[1:]),
-        edge_decay2=(numbers.decay2[0], *numbers.edge_decay2[1:]),
-    )
-
-
-def _half_space(numbers: _Numbers, i: int, k: Float[Array, "*k"]) -> Response[Beamed]:
-    zero = jnp.zeros_like(k)
-    N, q = numbers.N[i], k**2 + numbers.decay2[i]
-    source = half_space_exponential(N, q, numbers.extinction[i], numbers.fed[i]) if numbers.spread else zero
-    if numbers.pointed:
-        strength, depth = numbers.down
-        source = source + strength[i] * half_space_emission(N, q, depth[i])
-    back, nothing = Beamed(half_space_reflection(N, q), source, zero), Beamed(zero, zero, zero)
-    return Response(back, nothing, nothing, nothing)

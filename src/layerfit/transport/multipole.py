@@ -9,7 +9,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from ..errors import InputError
+from ..errors import InputError, one_of
 from ..measurement.geometry import Geometry, Total
 from ..optics.hankel import Span
 from ..optics.special import expc, log_cosh, tanhc
@@ -18,11 +18,11 @@ from ..scene.layer import HalfSpace
 from ..scene.stack import Stack
 from ..solver import Domain
 from .diffusion_layer import decay_rate, exponential_source_layer
+from .diffusion_limits import check_aperture, diffusion_notes
 from .faces import Reflection, beam_reflectance, face
 from .images import Images
-from .layered_diffusion import aperture, check_aperture, diffusion_notes, one_of
 from .response import Beamed, Response, Scalar, between, compose, compose_all, reflection
-from .spectral import SpectralSolver, Spectrum, by_frequency
+from .spectral import SpectralSolver, Spectrum, aperture, by_frequency
 
 
 class Multipole(SpectralSolver):

@@ -16,7 +16,7 @@ from jax import Array
 from jaxtyping import Float
 
 from ..arrays import AnyArray
-from ..measurement.geometry import Geometry, Radial, SpatialFrequency, TotalReflectance
+from ..measurement.geometry import Geometry, Radial, SpatialFrequency, Total, TotalReflectance
 from ..measurement.source import Pencil
 from ..optics.hankel import Span, quadrature
 from ..scene.columns import Columns
@@ -62,6 +62,24 @@ class SpectralSolver(Solver):
 
 
 Numbers = TypeVar("Numbers")
+
+
+def aperture(geometry: Geometry) -> float | None:
+    """Numerical aperture of a geometry, None where all directions are collected."""
+    if isinstance(geometry, Radial) and geometry.detector.na < 1.0:
+        return geometry.detector.na
+    return None
+
+
+def over_incidence(at, geometry: Geometry) -> Spectrum:
+    """The spectrum for a geometry's incidence: normal, one angle, or the average over a Lambertian source."""
+    if not isinstance(geometry, Total):
+        return at(1.0)
+    mu, weight = geometry.cosines()
+    if len(mu) == 1:
+        return at(float(mu[0]))
+    spectra = jax.vmap(at)(jnp.asarray(mu))
+    return jax.tree.map(lambda x: jnp.tensordot(jnp.asarray(weight), x, axes=1), spectra)
 
 
 def by_frequency(function: Callable[[Numbers, Float[Array, "*k"]], Float[Array, "*k"]], numbers: Numbers, k: Float[Array, "k"]) -> Float[Array, "k"]:
