@@ -24,7 +24,7 @@ def bssrdf(stack: Stack, r: Any, mu_in: Any, mu_out: Any, *, solver: Solver | No
     >>> import layerfit as lf
     >>> skin = lf.Stack([lf.HalfSpace("skin", sigma_a=0.01, sigma_s_prime=1, n=1.4)])
     >>> lf.bssrdf(skin, [1.0, 2.0], 0.8, 0.6).round(5)
-    Array([0.00685, 0.00251], dtype=float64)
+    Array([0.00871, 0.00253], dtype=float64)
     """
     solver = Multipole() if solver is None else solver
     columns = to_columns(stack)
