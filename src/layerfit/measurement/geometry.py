@@ -105,7 +105,7 @@ class Radial(Geometry):
             text = f"{what}: r not increasing: ring {i + 2} starts at {low[i + 1]:g}, before ring {i + 1} ends at {high[i]:g}"
             raise InputError(f"{text}; allowed are rings that follow each other", row=i + 1)
         if isinstance(self.source, Line | Edge):
-            raise InputError(f"{what}: rings around a {self.source.name}; allowed with it are distances r")
+            raise InputError(f"{what}: rings with source {self.source.name}; allowed with it are distances r")
         if self.detector.radius > 0:
             raise InputError(f"{what}: rings with a detector radius; allowed is one of them")
 

@@ -93,5 +93,6 @@ class Detector(eqx.Module):
 
     def __check_init__(self):
         for name, value in (("radius", self.radius), ("na", self.na)):
-            if not (np.isfinite(value) and value >= 0) or (name == "na" and value == 0):
+            number = isinstance(value, int | float | np.number) and np.isfinite(value) and value >= 0
+            if not number or (name == "na" and value == 0):
                 raise InputError(f"detector {name} = {value!r}: allowed is a finite number {'above' if name == 'na' else 'at least'} 0")

@@ -39,7 +39,7 @@ def factor_to_internal(unit: str, quantity: str, where: str) -> float:
     """
     power, angular, internal = _QUANTITIES[quantity]
     unit = unit.strip()
-    if unit == internal or (unit == "-" and quantity == "number"):
+    if unit == internal or (quantity == "number" and unit in ("-", "dimensionless")):
         return 1.0
     if not unit:
         raise InputError(f"{where}: the unit is empty; allowed is for example {internal}")
@@ -48,6 +48,8 @@ def factor_to_internal(unit: str, quantity: str, where: str) -> float:
     if quantity == "cycles":
         text = re.sub(r"\bcycles?\b", "1", text)  # which counts the periods; to pint it is an angle of 2 pi
     try:
+        if not re.fullmatch(r"[\w\s%^*/().·⁻-]+", text):  # pint passes over what it does not know
+            raise ValueError
         parsed = registry.Quantity(text)
         units = parsed._units
         powers = {name: registry.Unit(name).dimensionality for name in units}
