@@ -91,7 +91,7 @@ def _radial(geometry: Radial, side: str) -> Reading:
     elif isinstance(source, Gaussian):
         light, width = mc.Gaussian(source.radius), source.radius
     else:
-        raise InputError(f"solver monte-carlo: a {source.name} source is not simulated; allowed: pencil, disk, gaussian")
+        raise InputError(f"solver monte-carlo does not simulate source kind '{source.name}'; allowed: pencil, disk, gaussian")
     na = geometry.detector.na if geometry.detector.na < 1.0 else None
     if geometry.r is None:
         assert geometry.r_min is not None and geometry.r_max is not None
