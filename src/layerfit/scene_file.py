@@ -296,8 +296,9 @@ _ALLOWED = {
 
 
 def _message(error: ValidationError, content: dict[str, Any]) -> str:
-    """The first thing wrong, in one line."""
-    first = error.errors(include_url=False)[0]
+    """The thing wrong that matters first, in one line."""
+    found = error.errors(include_url=False)
+    first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])  # a misspelt key is why another one is missing
     path = list(first["loc"])
     if first["type"] == "missing":
         return f"{_where(path[:-1], content)}: {path[-1]} is missing" if len(path) > 1 else f"there is no [[{path[-1]}]]; allowed is one or more"
