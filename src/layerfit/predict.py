@@ -34,7 +34,7 @@ def predict(stack: Stack, geometries: Geometry | Sequence[Geometry], *, solver: 
     >>> import layerfit as lf
     >>> skin = lf.HalfSpace("skin", sigma_a=0.01, sigma_s_prime=1, n=1.4)
     >>> lf.predict(lf.Stack([skin]), lf.SpatialFrequency(fx=[0, 0.1, 0.2]))[0].values.round(4)
-    array([0.6002, 0.2895, 0.1384])
+    array([0.6002, 0.2166, 0.0793])
     """
     geometries = [geometries] if isinstance(geometries, Geometry) else list(geometries)
     solver = Auto() if solver is None else solver
