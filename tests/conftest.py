@@ -7,12 +7,27 @@ import pytest
 
 os.environ.setdefault("MPLBACKEND", "svg")
 
+from click.testing import CliRunner
 from jaxtyping import install_import_hook
 
 _MODULES = [f"layerfit.{package}" for package in ("optics", "scene.columns", "transport", "inference", "report.tables", "predict")]
 _HOOK = install_import_hook(_MODULES, "beartype.beartype")
 
 SHARED = Path(__file__).parent.parent.parent / "shared"
+
+
+@pytest.fixture(scope="session")
+def fitted_examples(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder in which `example` and `fit` were called for each bundled example: NAME/scene.toml ..., NAME/result, NAME/said."""
+    from layerfit.cli import main
+
+    folder = tmp_path_factory.mktemp("examples")
+    for name in ("two-layer", "slab-totals", "spatial-frequency"):
+        assert CliRunner().invoke(main, ["example", name, "--out", str(folder / name)]).exit_code == 0
+        result = CliRunner().invoke(main, ["fit", str(folder / name / "scene.toml"), "--out", str(folder / name / "result")])
+        assert result.exit_code == 0, result.output
+        (folder / name / "said").write_text(result.stdout)
+    return folder
 
 
 @pytest.fixture(scope="session")

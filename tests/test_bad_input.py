@@ -70,7 +70,7 @@ SCENES = {
     "NaN coefficient": ("sigma_a = 0.02", "sigma_a = nan", [SKIN, "sigma_a = nan", "allowed is a finite number"]),
     "infinite coefficient": ("sigma_s_prime = 2.0", "sigma_s_prime = inf", [SKIN, "sigma_s_prime = inf", "a finite number"]),
     "text for a coefficient": ("sigma_a = 0.02", 'sigma_a = "0.02"', [SKIN, "sigma_a = '0.02'", "allowed is a number"]),
-    "decimal comma": ("sigma_a = 0.02", "sigma_a = 0,02", ["not TOML", "line 7"]),
+    "decimal comma": ("sigma_a = 0.02", "sigma_a = 0,02", ["not TOML", "line 7", ": sigma_a = 0,02; numbers are written with a point"]),
     "g of 1": ("n = 1.4\n", "n = 1.4\ng = 1.0\n", [SKIN, "g = 1", "allowed is below 1"]),
     "index 0": ("n = 1.4\n", "n = 0\n", [SKIN, "n = 0", "allowed is above 0"]),
     "index missing": ("n = 1.4\n", "", [SKIN, "n is missing"]),

@@ -120,13 +120,14 @@ def _write_simulated(paths: list[Path], predictions: list[Any], noise: float | N
 def fit(scene: Path, out: Path, solver: str | None, starts: int | None) -> None:
     """Fit the free numbers of SCENE to its data."""
     _keep_compilations()
-    from .inference.fit import Outcome
-    from .inference.fit import fit as run
-    from .report.archive import save_fit, writable_folder
     from .scene_file import read_scene
 
     description = read_scene(scene)
     problem = description.problem(solver)
+    from .inference.fit import Outcome
+    from .inference.fit import fit as run
+    from .report.archive import save_fit, writable_folder
+
     writable_folder(out)
     with _progress("fitting") as advance:
         result = run(problem, starts=starts or description.starts, seed=description.seed, on_start=advance)

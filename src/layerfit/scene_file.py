@@ -1,6 +1,7 @@
 """The scene file: a TOML description of the sample, the measurements and the fit."""
 
 import difflib
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -155,10 +156,11 @@ def read_scene(path: str | Path) -> SceneFile:
     Raises InputError naming the file and the key of what is wrong, what was given and what is allowed.
     """
     path = Path(path)
+    text = read_text(path)
     try:
-        content = tomllib.loads(read_text(path))
+        content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not TOML: {error}") from None
+        raise InputError(f"{path}: not TOML: {error}{_quoted(str(error), text)}") from None
     try:
         scene = _Scene.model_validate(content)
     except ValidationError as error:
@@ -272,6 +274,15 @@ def _source(table: _Source) -> Source:
         raise InputError(f"source kind '{table.kind}' {'needs a radius [mm]' if needs_radius else 'has no radius'}")
     cls: Any = SOURCES[table.kind]
     return cls(table.radius) if needs_radius else cls()
+
+
+def _quoted(message: str, text: str) -> str:
+    """The line that a message about TOML means, with what is wrong most often."""
+    match = re.search(r"at line (\d+)", message)
+    if not match:
+        return ""
+    line = text.splitlines()[int(match[1]) - 1].strip()
+    return f": {line}" + ("; numbers are written with a point (1.5), not a comma" if re.search(r"=\s*\d+,\d+\s*(#.*)?$", line) else "")
 
 
 def _closest(word: str, known: Any) -> str:
