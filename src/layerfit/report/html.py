@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import jinja2
 from markupsafe import Markup
+from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from ..scene.drawing import stack_svg
@@ -22,9 +23,10 @@ def _environment() -> jinja2.Environment:
 
 
 def svg(figure: Figure) -> str:
-    """A figure as SVG text."""
+    """A figure as SVG text, the same each time."""
     buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None})
+    with rc_context({"svg.hashsalt": "layerfit"}):  # its names would be random
+        figure.savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()
     return text[text.index("<svg") :]
 
