@@ -38,6 +38,8 @@ def uncertainty(parameters: Sequence[FreeParameter], x: np.ndarray, share: np.nd
     scale = np.array([natural_scale(p, v) for p, v in zip(parameters, x, strict=True)])
     free = np.flatnonzero(~np.array(at_bound))
     covariance = np.zeros((len(x), len(x)))
+    if not np.all(np.isfinite(jacobian)):  # of a fit that failed: nothing is known
+        return Uncertainty(covariance, (None,) * len(x), at_bound, (True,) * len(x), ())
     stderr: list[float | None] = [None] * len(x)
     undetermined = [False] * len(x)
     directions: list[str] = []
