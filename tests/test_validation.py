@@ -70,8 +70,8 @@ def test_verdicts(factor: float, stated: float | None, verdict: Verdict):
 
 
 def test_an_error_is_not_called_overstated_on_the_strength_of_noise():
-    # 100 photons know T to 5 %: 20 % may be right
-    assert judge(Known(1.0, 0.2), photons=100).verdict is Verdict.UNDECIDED
+    # 100 photons know T to 5 %, so that its true error may be 2 %; by chance they often come closer
+    assert not any(judge(Known(1.0, 0.2), photons=100, seed=seed).verdict is Verdict.OVERSTATED for seed in range(20))
 
 
 def test_a_deviation_that_changes_sign_is_small_by_chance():
@@ -93,9 +93,12 @@ def test_the_level_is_kept():
 
 def test_the_stated_power_is_true():
     """What is said to be noticeable with 95 % probability is noticed nine times in ten."""
-    found = judge(Known(), photons=20_000)
-    smallest = float(np.max([check.noticeable[0] for check in found.checks]))
-    noticed = sum(judge(Known(1.0 + smallest), photons=20_000, seed=seed).verdict is Verdict.DISAGREE for seed in range(40))
+
+    def total(factor: float, seed: int) -> lf.Validation:
+        return lf.validate(SLAB, TOTALS[1], solver=Known(factor), photons=20_000, seed=seed, threads=1)
+
+    smallest = total(1.0, 0).noticeable
+    noticed = sum(total(1.0 + smallest, seed).verdict is Verdict.DISAGREE for seed in range(1, 41))
     assert noticed >= 34
 
 
