@@ -51,7 +51,7 @@ def test_a_failed_fit_is_kept_as_well(failed, tmp_path):
     assert found["parameters"]["skin.sigma_a"]["stderr"] is None
     assert found["covariance"] in ([[None]], [[0.0]])
     assert any("did not converge" in w for w in found["warnings"])
-    assert "residuals are not finite" in paths["report.html"].read_text()
+    assert '<b style="color: #c0392b">residuals are not finite</b>' in paths["report.html"].read_text()
 
 
 def test_a_prediction_that_is_not_finite_is_refused():

@@ -32,9 +32,9 @@ def texts(stack):
 
 def test_to_scale():
     """Heights are as the thicknesses, layers touch, top first."""
-    (y1, h1), (y2, h2), (y3, _) = boxes(layer("a", 1.0) | layer("b", 3.0) | DEEP)
-    assert abs(h2 / h1 - 3.0) <= 0.01
-    assert abs(y1 + h1 - y2) <= 0.11 and abs(y2 + h2 - y3) <= 0.11
+    (y1, h1), (y2, h2), (y3, h3), (y4, _) = boxes(layer("a", 1.0) | layer("b", 3.0) | layer("c", 0.1) | DEEP)
+    assert abs(h2 / h1 - 3.0) <= 0.01 and abs(h3 / h1 - 0.1) <= 0.002
+    assert abs(y1 + h1 - y2) <= 0.11 and abs(y2 + h2 - y3) <= 0.11 and abs(y3 + h3 - y4) <= 0.11
 
 
 def test_thin_layer_is_visible():
