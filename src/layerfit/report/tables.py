@@ -30,6 +30,8 @@ def with_uncertainty(value: float, sd: float | None) -> str:
     """
     if sd is None or not math.isfinite(sd) or sd <= 0:
         return f"{value:.5g}"
+    if sd > abs(value) > 0:  # rounded like its sd it would vanish
+        return f"{value:.3g} ± {sd:.3g}"
     digits = 1 - math.floor(math.log10(sd))
     if digits > 12 or abs(value) > 1e6 or digits < -6:
         return f"{value:.6g} ± {sd:.2g}"
