@@ -9,6 +9,8 @@ from .inference.problem import Problem as Problem
 from .measurement.csv_file import read as read
 from .measurement.dataset import Dataset as Dataset
 from .measurement.dataset import Noise as Noise
+from .measurement.geometry import AngularReflectance as AngularReflectance
+from .measurement.geometry import AngularTransmittance as AngularTransmittance
 from .measurement.geometry import RadialReflectance as RadialReflectance
 from .measurement.geometry import RadialTransmittance as RadialTransmittance
 from .measurement.geometry import SpatialFrequency as SpatialFrequency
@@ -27,6 +29,7 @@ from .scene.layer import Layer as Layer
 from .scene.stack import Stack as Stack
 from .transport.auto import Auto as Auto
 from .transport.bssrdf import bssrdf as bssrdf
+from .transport.discrete_ordinates import DiscreteOrdinates as DiscreteOrdinates
 from .transport.image_sum import image_sum as image_sum
 from .transport.interior import absorbed as absorbed
 from .transport.interior import fluence as fluence

@@ -98,6 +98,7 @@ _SOLVERS = {
     "dipole": "layerfit.transport.multipole:Dipole",
     "multipole": "layerfit.transport.multipole:Multipole",
     "layered-diffusion": "layerfit.transport.layered_diffusion:LayeredDiffusion",
+    "discrete-ordinates": "layerfit.transport.discrete_ordinates:DiscreteOrdinates",
     "monte-carlo": "layerfit.montecarlo_solver:MonteCarlo",
 }
 

@@ -260,15 +260,10 @@ class SpatialFrequency(Geometry):
 Incidence = float | Literal["normal", "diffuse"]
 
 
-class Total(Geometry):
+class Incident(Geometry):
+    """Wide, even light from a direction, or from all of them."""
+
     incidence: Incidence
-
-    @property
-    def size(self) -> int:
-        return 1
-
-    def places(self) -> dict[str, np.ndarray]:
-        return {}
 
     def __check_init__(self):
         angle = 0.0 if self.incidence == "normal" else self.incidence
@@ -281,6 +276,15 @@ class Total(Geometry):
             mu, w = _gauss(16)
             return mu, 2.0 * mu * w
         return np.array([1.0 if self.incidence == "normal" else float(np.cos(np.radians(self.incidence)))]), np.ones(1)
+
+
+class Total(Incident):
+    @property
+    def size(self) -> int:
+        return 1
+
+    def places(self) -> dict[str, np.ndarray]:
+        return {}
 
 
 class TotalReflectance(Total):
@@ -312,11 +316,78 @@ class TotalTransmittance(Total):
     incidence: Incidence = "normal"
 
 
+class Angular(Incident):
+    """Radiance of what leaves, in the outer medium, per unit incident power [1/sr]: its integral with cos(angle) over the hemisphere is the total.
+
+    Light that was never scattered and leaves as a beam is not in it.
+    """
+
+    axis: ClassVar[str] = "angle [deg]"
+    angle: np.ndarray
+    incidence: Incidence
+    azimuth: float | None
+
+    def __init__(self, angle: Any, *, incidence: Incidence = "normal", azimuth: float | None = None):
+        self.angle = _array(angle, f"{self.kind}: angle")
+        self.incidence = incidence
+        self.azimuth = None if azimuth is None else float(azimuth)
+        if self.angle[0] < 0 or self.angle[-1] >= 90:
+            raise InputError(f"{self.kind}: angle from {self.angle[0]:g} to {self.angle[-1]:g}; allowed: degrees from 0 to below 90")
+        if self.azimuth is not None and not np.isfinite(self.azimuth):
+            raise InputError(f"{self.kind}: azimuth = {azimuth}; allowed: degrees, or left out for the average")
+
+    @property
+    def size(self) -> int:
+        return int(self.angle.size)
+
+    def places(self) -> dict[str, np.ndarray]:
+        return {"angle": self.angle}
+
+
+class AngularReflectance(Angular):
+    """Radiance through the top, the first-surface reflection left out [1/sr].
+
+    angle : polar angles in the medium above [deg], 0 to below 90, increasing.
+    incidence : "normal" (default), "diffuse" (Lambertian), or an angle in degrees.
+    azimuth : of the detector, in degrees from the direction in which the incident light travels (0: the side of the mirror reflection, 180: back
+        towards the source). Left out: the average over azimuth.
+
+    Raises InputError for angles outside the range or not increasing.
+    """
+
+    kind: ClassVar[str] = "angular_reflectance"
+    side: ClassVar[Side] = "above"
+
+    def __init__(self, angle: Any, *, incidence: Incidence = "normal", azimuth: float | None = None):
+        super().__init__(angle, incidence=incidence, azimuth=azimuth)
+
+
+class AngularTransmittance(Angular):
+    """Radiance through the bottom [1/sr]; angles in the medium below, arguments as for `AngularReflectance`."""
+
+    kind: ClassVar[str] = "angular_transmittance"
+    side: ClassVar[Side] = "below"
+
+    def __init__(self, angle: Any, *, incidence: Incidence = "normal", azimuth: float | None = None):
+        super().__init__(angle, incidence=incidence, azimuth=azimuth)
+
+
 GEOMETRIES: dict[str, type[Geometry]] = {
-    cls.kind: cls for cls in (RadialReflectance, RadialTransmittance, SpatialFrequency, TotalReflectance, TotalTransmittance)
+    cls.kind: cls
+    for cls in (
+        RadialReflectance,
+        RadialTransmittance,
+        SpatialFrequency,
+        TotalReflectance,
+        TotalTransmittance,
+        AngularReflectance,
+        AngularTransmittance,
+    )
 }
 
 
 def value_unit(geometry: Geometry) -> str:
     """Unit of the values."""
+    if isinstance(geometry, Angular):
+        return "1/sr"
     return geometry.value_unit if isinstance(geometry, Radial) else "1"

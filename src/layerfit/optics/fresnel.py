@@ -19,9 +19,14 @@ def reflectance(mu: Float[Array, "..."], n: Float[Array, "..."]) -> Float[Array,
     sin2 = (1.0 - mu**2) * n**2
     total = sin2 >= 1.0
     mu_t = jnp.sqrt(jnp.where(total, 1.0, 1.0 - sin2))
-    s = (n * mu - mu_t) / (n * mu + mu_t)
-    p = (mu - n * mu_t) / (mu + n * mu_t)
-    return jnp.where(total, 1.0, 0.5 * (s**2 + p**2))
+    return jnp.where(total, 1.0, matched_reflectance(mu, mu_t, n))
+
+
+def matched_reflectance(mu: Float[Array, "*#s"], mu_beyond: Float[Array, "*#s"], n: Float[Array, "*#s"]) -> Float[Array, "*s"]:
+    """Fresnel reflectance where the cosines on both sides are known to obey Snell's law [1]; the same from either side."""
+    s = (n * mu - mu_beyond) / (n * mu + mu_beyond)
+    p = (mu - n * mu_beyond) / (mu + n * mu_beyond)
+    return 0.5 * (s**2 + p**2)
 
 
 def normal_reflectance(n: Float[Array, "*s"]) -> Float[Array, "*s"]:

@@ -3,13 +3,15 @@
 import numpy as np
 
 from ..errors import InputError
-from ..measurement.geometry import Geometry
+from ..measurement.geometry import Angular, Geometry
 from ..scene.stack import Stack
 from .spectral import aperture
 
 
 def check_aperture(stack: Stack, geometry: Geometry) -> None:
-    """Raise InputError for a numerical aperture behind a rough face, whose blur of directions diffusion does not know."""
+    """Raise InputError for what needs directions, which diffusion does not know: radiances, a numerical aperture behind a rough face."""
+    if isinstance(geometry, Angular):
+        raise InputError(f"{geometry.kind}: diffusion knows no directions; use solver discrete-ordinates")
     if aperture(geometry) is not None and any(float(layer.roughness) > 0 for layer in stack.layers[:1]):
         raise InputError("detector na below 1 with a rough surface: diffusion cannot tell which directions are collected; allowed is na = 1")
 
