@@ -51,8 +51,8 @@ def test_one_column_a_dataset():
     """Several datasets side by side; a total takes less room; a dollar sign in a name is no formula."""
     geometries = [lf.TotalReflectance(), lf.SpatialFrequency([0, 0.1, 0.2])]
     values = [np.array([0.5]), np.array([0.5, 0.4, 0.3])]
-    data = [lf.Dataset(g, v, 0.01 * v, name=n) for g, v, n in zip(geometries, values, ("R", "camera $x_{"), strict=True)]
-    names = ("$x_{.sigma_a", "skin.g")
+    data = [lf.Dataset(g, v, 0.01 * v, name=n) for g, v, n in zip(geometries, values, ("R", "camera $x_{$"), strict=True)]
+    names = ("$x_{$.sigma_a", "skin.g")
     fit: Any = SimpleNamespace(
         problem=SimpleNamespace(data=data, names=names),
         predictions=values,
@@ -67,7 +67,7 @@ def test_one_column_a_dataset():
     assert text.startswith("<svg") and text.rstrip().endswith("</svg>")
     first, second = (figure.axes[i].get_position().width for i in (0, 1))
     assert len(figure.axes) == 4 and first < 0.75 * second
-    assert figure.axes[1].get_title() == "camera $x_{"
+    assert figure.axes[1].get_title() == "camera $x_{$"
     figure = plot_correlation(fit)
     svg(figure)
     assert tuple(t.get_text() for t in figure.axes[0].get_yticklabels()) == names
