@@ -120,31 +120,30 @@ def test_validate_refuses(tmp_path: Path):
 
 
 INTERRUPTED = """
-import signal, threading
-from layerfit import montecarlo_solver
+import os, signal
 from layerfit.cli import main
+from layerfit.montecarlo import engine
 
-simulate = montecarlo_solver.mc.simulate
-timer = threading.Timer(3.0, signal.raise_signal, [signal.SIGINT])
+run_batch, done = engine.run_batch, []
 
-def starting(*arguments, **settings):
-    if not timer.is_alive() and not timer.finished.is_set():
-        timer.start()
-    return simulate(*arguments, **settings)
+def counted(*arguments):
+    sums = run_batch(*arguments)
+    done.append(1)
+    if len(done) == 6 * os.cpu_count():
+        signal.raise_signal(signal.SIGINT)
+    return sums
 
-montecarlo_solver.mc.simulate = starting
+engine.run_batch = counted
 main()
 """
 
 
 def test_interrupted_on_the_command_line(tmp_path: Path):
-    """Ctrl-C 3 s into a run that would take hours: the file is written, with what is there, and it says so."""
+    """Ctrl-C after some batches of a run that would take hours: the file is written, with what is there, and it says so."""
     out = tmp_path / "out.json"
     common = ("predict", scene(tmp_path), "--solver", "monte-carlo", "--out", str(out))
-    layerfit(*common, "--photons", "100")  # so that the engine is compiled
-    out.unlink()
     command = [sys.executable, "-c", INTERRUPTED, *common, "--photons", "1000000000"]
-    process = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    process = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert process.returncode == 0, process.stderr
     assert "was interrupted" in process.stderr
     content = json.loads(out.read_text())

@@ -209,7 +209,7 @@ def test_an_interrupted_run_keeps_what_is_done(monkeypatch: pytest.MonkeyPatch):
     found = lf.predict(SLAB, [lf.TotalReflectance(), lf.TotalReflectance(incidence="diffuse")], solver=solver(10**9))
     assert limits == [None, 2.0]
     assert all(np.all(p.values > 0.0) and p.estimated_error is not None for p in found)
-    assert "interrupted: 1,000 of 1,000,000,000 photons for each of 2 illuminations" in found[0].notes[-1]
+    assert "interrupted: 1,000 of 1,000,000,000 photons for each of 2 simulations" in found[0].notes[-1]
 
 
 @pytest.mark.parametrize(
@@ -268,5 +268,6 @@ def test_the_accused_do_not_lean_on_the_judge():
     package = Path(lf.__file__).parent
     for path in [*package.glob("optics/*.py"), *package.glob("transport/*.py")]:
         for node in ast.walk(ast.parse(path.read_text())):
-            names = [node.module or ""] if isinstance(node, ast.ImportFrom) else [a.name for a in node.names] if isinstance(node, ast.Import) else []
-            assert not any("montecarlo" in name for name in names), path
+            if isinstance(node, ast.Import | ast.ImportFrom):
+                names = [getattr(node, "module", None) or "", *(alias.name for alias in node.names)]
+                assert not any("montecarlo" in name for name in names), path

@@ -27,13 +27,14 @@ class MonteCarlo(Solver):
 
     Arguments
     ---------
-    photons : how many, at least 100, for each kind of illumination among the measurements.
+    photons : how many, at least 100, for each simulation: one for each kind of illumination among the measurements.
     seed : of the random numbers; the same seed gives the same values whatever the number of threads.
     threads : how many; by default the processors this process may use.
     progress : show a progress bar on standard error.
 
     Every layer that scatters needs its g. Sources: pencil, disk, gaussian. A distance without a ring or a detector radius is taken from two
-    fibres of at most a tenth of the distance, so that the value is that at the point (see docs/monte-carlo.md). Where no photon was counted
+    fibres of at most a tenth of the distance, and an angle from bins of a few degrees, so that the value is that at the point (see
+    docs/monte-carlo.md). Where no photon was counted
     the error is what one photon would have added. Interrupted (Ctrl-C), it returns what is done, and says so. It has no derivatives: a fit
     with it is refused.
 
@@ -119,7 +120,7 @@ def estimates(solver: MonteCarlo, columns: Columns, geometries: Sequence[Geometr
         done.append(result.photons)
         found |= {i: readings[i].estimate(result) for i in run.members}
     counts = " and ".join(f"{count:,}" for count in dict.fromkeys(done))
-    each = "" if len(planned) == 1 else f" for each of {len(planned)} illuminations"
+    each = "" if len(planned) == 1 else f" for each of {len(planned)} simulations"
     if interrupted:
         note = f"monte-carlo was interrupted: {counts} of {int(solver.photons):,} photons{each}, seed {int(solver.seed)}"
     else:
