@@ -8,8 +8,9 @@ import numpy as np
 
 from . import montecarlo as mc
 from .errors import InputError
-from .measurement.geometry import Geometry, Radial, SpatialFrequency, Total, TotalReflectance
+from .measurement.geometry import Angular, Geometry, Radial, SpatialFrequency, Total, TotalReflectance
 from .measurement.source import Disk, Gaussian, Pencil
+from .montecarlo_angles import azimuth_bins, polar_bins
 
 POINT_RADIUS = 0.1  # of the larger fibre that stands for a point, relative to the distance (or to the diameter of a source, if larger)
 
@@ -19,7 +20,8 @@ class Reading:
     """One measurement in the terms of the Monte Carlo.
 
     light : where the light comes from. tally : name of the tally read. rings, k, fibres : what it needs to be counted at, one of them at most.
-    na : aperture of rings. weights, shape (values, places) : the values are weights @ tally. specular : the first-surface reflection is added.
+    na : aperture of rings. theta, phi : edges of bins of direction [deg]. weights, shape (values, places) : the values are weights @ tally.
+    specular : the first-surface reflection is added.
     one : what one photon of full weight adds to each value, times the number of photons.
     """
 
@@ -30,6 +32,8 @@ class Reading:
     k: tuple[float, ...] = ()
     fibres: tuple[mc.CollectingFibre, ...] = ()
     na: float | None = None
+    theta: tuple[float, ...] = ()
+    phi: tuple[float, ...] = ()
     weights: np.ndarray | None = field(default=None, compare=False)
     specular: bool = False
 
@@ -46,11 +50,32 @@ class Reading:
         for wanted, counted in ((self.rings, result.tallies.rings), (self.k, result.tallies.k), (self.fibres, result.tallies.fibres)):
             if wanted:
                 found = found[:, [counted.index(place) for place in wanted]]  # pyright: ignore[reportArgumentType]
+        if self.theta:
+            found = self._without_beam(found, result)
         if self.specular:
             reflected = result.estimate("R_specular").samples
             assert reflected is not None
             found = found + reflected[:, None]
         return found if self.weights is None else found @ self.weights.T
+
+    def _without_beam(self, found: np.ndarray, result: mc.Result) -> np.ndarray:
+        """Radiances without the light that was never scattered, where it leaves as a beam: all faces smooth, and one direction of incidence."""
+        above, below = result.layout.index_outside
+        if not isinstance(self.light, mc.Pencil) or any(result.medium.roughness):
+            return found
+        s = (1.0 - self.light.cosine**2) * (1.0 if self.tally.startswith("R") else (above / below) ** 2)
+        edges = np.sin(np.radians(self.theta)) ** 2
+        place = int(np.searchsorted(edges, s, side="right")) - 1
+        if place >= edges.size - 1:
+            return found  # reflected as a whole at the lowest face
+        beam = result.estimate(f"{self.tally[0]}_unscattered").samples
+        assert beam is not None
+        first = place * (len(self.phi) - 1)  # the beam travels in azimuth 0
+        beam = beam / ((edges[place + 1] - edges[place]) * np.radians(self.phi[1] - self.phi[0]))
+        rest = found[:, first] - beam
+        found = found.copy()
+        found[:, first] = np.where(np.abs(rest) > 1e-12 * beam, rest, 0.0)  # nothing but the beam is exactly nothing
+        return found
 
     def estimate(self, result: mc.Result) -> mc.Estimate:
         """Means with standard errors. Where nothing was counted the error is what one photon would have added: none seen is not none there."""
@@ -73,6 +98,8 @@ def reading(geometry: Geometry) -> Reading:
     if isinstance(geometry, Total):
         specular = isinstance(geometry, TotalReflectance) and geometry.specular == "included"
         return Reading(_incident(geometry.incidence), side, np.ones(1), specular=specular)
+    if isinstance(geometry, Angular):
+        return _angular(geometry, side)
     raise InputError(f"solver monte-carlo does not predict {geometry.kind}")
 
 
@@ -80,6 +107,21 @@ def _incident(incidence: float | str) -> Any:
     if incidence == "diffuse":
         return mc.Lambertian()
     return mc.Pencil() if incidence == "normal" else mc.Pencil(float(np.cos(np.radians(float(incidence)))))
+
+
+def _angular(geometry: Angular, side: str) -> Reading:
+    light = _incident(geometry.incidence)
+    edges, weights = polar_bins(geometry.angle)
+    phi, share = np.array([0.0, 180.0]), np.ones(1)
+    if geometry.azimuth is not None and not light.symmetric:
+        phi, share = azimuth_bins(geometry.azimuth)
+    # straight up or down there is no azimuth: all of it is counted
+    shares = np.where(geometry.angle[:, None] == 0.0, np.diff(phi) / 180.0, share)
+    together = (weights[:, :, None] * shares[:, None, :]).reshape(weights.shape[0], -1)
+    solid = np.outer(np.diff(edges), np.radians(np.diff(phi))).ravel()
+    one = np.max(np.abs(together) / solid, axis=1)
+    theta = np.degrees(np.arcsin(np.sqrt(edges)))
+    return Reading(light, f"{side}_angle", one, theta=tuple(theta.tolist()), phi=tuple(phi.tolist()), weights=together)
 
 
 def _radial(geometry: Radial, side: str) -> Reading:
@@ -139,20 +181,26 @@ class Run:
 
 
 def runs(readings: Sequence[Reading]) -> list[Run]:
-    """As few simulations as the measurements allow: one for each light, and for each aperture of rings."""
-    by_light: dict[Any, list[int]] = {}
+    """As few simulations as the measurements allow: one for each light, aperture of rings and set of directions."""
+    groups: list[list[int]] = []
     for i, one in enumerate(readings):
-        by_light.setdefault(one.light, []).append(i)
-    planned = []
-    for same in by_light.values():
-        apertures = list(dict.fromkeys(readings[i].na for i in same if readings[i].shares_aperture)) or [None]
-        for na in apertures:
-            # fibres have their own aperture and totals none: they join the first
-            members = [i for i in same if (readings[i].na == na if readings[i].shares_aperture else na == apertures[0])]
-            planned.append(_run([readings[i] for i in members], tuple(members), na))
-    return planned
+        group = next((g for g in groups if not any(_conflict(readings[j], one) for j in g)), None)
+        if group is None:
+            groups.append([i])
+        else:
+            group.append(i)
+    return [_run([readings[i] for i in group], tuple(group)) for group in groups]
 
 
-def _run(together: list[Reading], members: tuple[int, ...], na: float | None) -> Run:
+def _conflict(a: Reading, b: Reading) -> bool:
+    """Whether two measurements cannot be counted in one run. Fibres have their own aperture, and totals none."""
+    apertures = a.shares_aperture and b.shares_aperture and a.na != b.na
+    directions = bool(a.theta and b.theta) and (a.theta, a.phi) != (b.theta, b.phi)
+    return a.light != b.light or apertures or directions
+
+
+def _run(together: list[Reading], members: tuple[int, ...]) -> Run:
     rings, k, fibres = (list(dict.fromkeys(place for one in together for place in getattr(one, name))) for name in ("rings", "k", "fibres"))
-    return Run(together[0].light, mc.Tallies(rings=rings or None, k=k or None, fibres=fibres, na=na), members)
+    na = next((one.na for one in together if one.shares_aperture), None)
+    theta, phi = next(((one.theta, one.phi) for one in together if one.theta), (None, None))
+    return Run(together[0].light, mc.Tallies(rings=rings or None, k=k or None, fibres=fibres, na=na, theta=theta, phi=phi), members)
