@@ -1,4 +1,4 @@
-"""Derivatives from the paths against differences: ``python benchmarks/montecarlo_derivatives.py [--photons 8e6] [--seed 3000]``.
+"""Derivatives from the paths against differences: ``python benchmarks/montecarlo_derivatives.py [--photons 2.4e7] [--seed 3000]``.
 
 Two layers with an index step on both sides; every tally, sigma_a and sigma_s of both layers. The differences are of fourth order, from
 four independent runs at +-20 % and +-40 % of the coefficient: their own error of that order is below 1e-3 of a derivative. Stores
@@ -111,7 +111,7 @@ def entry(base: dict[str, mc.Result], parameter: str, layer: int, photons: float
 def main() -> None:
     """Run, store, print, and fail where a derivative disagrees."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--photons", type=float, default=8e6)
+    parser.add_argument("--photons", type=float, default=2.4e7)
     parser.add_argument("--seed", type=int, default=3000)
     parser.add_argument("--out", type=Path)
     parser.add_argument("--fresh", action="store_true")
