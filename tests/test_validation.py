@@ -92,14 +92,15 @@ def test_the_level_is_kept():
 
 
 def test_the_stated_power_is_true():
-    """What is said to be noticeable with 95 % probability is noticed nine times in ten."""
+    """What is said to be noticeable with 95 % probability is noticed that often."""
 
     def total(factor: float, seed: int) -> lf.Validation:
         return lf.validate(SLAB, TOTALS[1], solver=Known(factor), photons=20_000, seed=seed, threads=1)
 
-    smallest = total(1.0, 0).noticeable
-    noticed = sum(total(1.0 + smallest, seed).verdict is Verdict.DISAGREE for seed in range(1, 41))
-    assert noticed >= 34
+    # an error from 100 batches is known to 7 %: what one run calls noticeable varies as much
+    smallest = float(np.mean([total(1.0, seed).noticeable for seed in range(40)]))
+    noticed = sum(total(1.0 + smallest, seed).verdict is Verdict.DISAGREE for seed in range(100, 200))
+    assert noticed >= 87  # of 95 expected; fewer with probability 1e-3
 
 
 def test_layered_diffusion_is_found_out_close_to_the_source():
