@@ -7,6 +7,8 @@ counts as reflected, what it transmits as transmitted (further bounces only redi
 rho_d + rho_dt = 1. This is the rho_d of Donner & Jensen 2005, eqs 23 to 26, without the loss of theirs at large roughness.
 """
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -34,10 +36,23 @@ _XI_PANEL, _ETA_PANEL = _crowding(10), _crowding(12)
 _U, _W_U = _gauss(24, 0.0, 1.0)
 
 
-def rough_reflectance(mu: Float[Array, "*m"], n: Float[Array, ""], roughness: Float[Array, ""]) -> Float[Array, "*m"]:
-    """rho_d: share of light at incidence cosine mu that a rough face sends back [1].
+class Facets(NamedTuple):
+    """Facets that light from one direction meets, as a quadrature: axes (direction, eta, xi).
 
-    n : index of the medium of the light over the one beyond. The limit of zero roughness is the Fresnel reflectance.
+    x, y : slopes of the facet along the light's way and across it (one half of the y, the other is its mirror image). weight : share of the light
+    that meets it, sum 1. cosine : of incidence on the facet.
+    """
+
+    x: Float[Array, "*m e x"]
+    y: Float[Array, "*m e x"]
+    weight: Float[Array, "*m e x"]
+    cosine: Float[Array, "*m e x"]
+
+
+def facets(mu: Float[Array, "*m"], n: Float[Array, ""], roughness: Float[Array, ""]) -> Facets:
+    """The facets of a Gaussian face met by light at incidence cosine mu; n as for `rough_reflectance`.
+
+    The light travels towards positive x; a facet of slopes (x, y) has the normal (-x, -y, 1)/sqrt(1 + x^2 + y^2).
     """
     mu = jnp.asarray(mu)[..., None]
     slope = jnp.sqrt(jnp.maximum(1.0 - mu**2, 1e-30)) * roughness  # of the projected area, per xi
@@ -60,7 +75,18 @@ def rough_reflectance(mu: Float[Array, "*m"], n: Float[Array, ""], roughness: Fl
     weight = weight * w_eta[..., None] * jnp.exp(-0.5 * xi**2) * area
     tilt = 1.0 + roughness**2 * (xi**2 + eta[..., None] ** 2)
     local = jnp.clip(area / jnp.sqrt(tilt), 1e-12, 1.0)
-    return jnp.sum(weight * reflectance(local, n), axis=(-2, -1)) / jnp.sum(weight, axis=(-2, -1))
+    shape = local.shape
+    weight = weight / jnp.sum(weight, axis=(-2, -1), keepdims=True)
+    return Facets(*(jnp.broadcast_to(v, shape) for v in (roughness * xi, roughness * eta[..., None], weight, local)))
+
+
+def rough_reflectance(mu: Float[Array, "*m"], n: Float[Array, ""], roughness: Float[Array, ""]) -> Float[Array, "*m"]:
+    """rho_d: share of light at incidence cosine mu that a rough face sends back [1].
+
+    n : index of the medium of the light over the one beyond. The limit of zero roughness is the Fresnel reflectance.
+    """
+    met = facets(mu, n, roughness)
+    return jnp.sum(met.weight * reflectance(met.cosine, n), axis=(-2, -1))
 
 
 def _panels(ends: Float[Array, "*s e"], rule: tuple[np.ndarray, np.ndarray]) -> tuple[Float[Array, "*s q"], Float[Array, "*s q"]]:

@@ -21,6 +21,7 @@ class Ordinates(NamedTuple):
 
     n : refractive index of each medium. W : weight w mu n^2, the same in all media; the sum over the directions of a medium is n^2/2.
     p : n sin(theta). mu : cosine in each medium (1 where there is no such direction). real : whether the medium has the direction.
+    edges : upper ends of the panels, in p.
     """
 
     n: Float[Array, "media"]
@@ -28,6 +29,7 @@ class Ordinates(NamedTuple):
     p: Float[Array, "ordinates"]
     mu: Float[Array, "media ordinates"]
     real: Bool[Array, "media ordinates"]
+    edges: Float[Array, "panels"]
 
 
 def allot(nodes: int, edges: np.ndarray) -> tuple[int, ...]:
@@ -76,7 +78,7 @@ def ordinates(n: Float[Array, "media"], groups: tuple[int, ...], counts: tuple[i
     above = (n[:, None] - top[panel]) * (n[:, None] + top[panel]) + jnp.concatenate(inner)  # n^2 - p^2
     real = rank[jnp.array(groups)][:, None] >= panel
     mu = jnp.where(real, jnp.sqrt(jnp.where(real, above, 1.0)) / n[:, None], 1.0)
-    return Ordinates(n, jnp.concatenate(W), jnp.concatenate(p), mu, real)
+    return Ordinates(n, jnp.concatenate(W), jnp.concatenate(p), mu, real, top)
 
 
 def cosine(n: Float[Array, "*m"], p: Float[Array, "*#m"]) -> tuple[Float[Array, "*m"], Bool[Array, "*m"]]:

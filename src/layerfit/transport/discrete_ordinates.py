@@ -16,20 +16,21 @@ from ..scene.columns import Columns
 from ..scene.stack import Stack
 from ..solver import Domain, Evaluation, Forward, Solver
 from .matrix import Matrix
-from .ordinate_stack import Grid, Layout, coarsened, lay_out, make_faces, make_grid, pieces
+from .ordinate_stack import Grid, Layout, coarsened, lay_out, make_faces, make_grid, media, medium, pieces
 from .response import Response, compose_all, reflection
+from .single_scattering import correction
 
 
 class DiscreteOrdinates(Solver):
     """Radiative transport by discrete ordinates: totals and angular distributions of any stack of layers.
 
-    Exact at albedo 1 and for any thickness; layers may differ in index, be clear, thin or strongly forward scattering. Every layer that scatters needs
-    its g.
+    Exact at albedo 1 and for any thickness; layers may differ in index, be clear, thin or strongly forward scattering, faces may be rough. Every
+    layer that scatters needs its g.
 
     Arguments
     ---------
-    streams : directions in both hemispheres of the densest medium, even, at least 4 (as NSTR of DISORT; a panel of directions between two indices takes
-        at least 8). Left out: chosen from g, 32 up to 0.8.
+    streams : directions in both hemispheres of the densest medium, even, at least 4 (as NSTR of DISORT; a panel of directions between two indices
+        takes at least 8). Left out: 32 to 128, by g and the indices.
     phase : tabulated Legendre moments (1, g, ...) of the phase functions of layers, by layer name, in place of Henyey and Greenstein's.
 
     Raises InputError for a number of streams that is not even or below 4.
@@ -85,9 +86,11 @@ class DiscreteOrdinates(Solver):
 
 
 def _enough(domain: Domain) -> int:
-    """Streams for an error of 2e-6 in totals, 1e-5 for g above 0.8."""
+    """Streams for an error of 2e-6 in totals, 1e-5 for g above 0.8 (rough faces: about 1e-4). More where directions fall into panels."""
     g = float(np.max(np.abs(np.asarray(domain.high.g))))
-    return 32 if g <= 0.8 else 64 if g <= 0.95 else 128
+    panels = len(np.unique(np.concatenate([media(domain.low), media(domain.high)]))) > 1
+    streams = 32 if g <= (0.6 if panels else 0.8) else 64 if g <= (0.8 if panels else 0.95) else 96 if g <= 0.95 else 128
+    return streams if all(domain.low.smooth) else max(streams, 48)
 
 
 class _Task(NamedTuple):
@@ -184,13 +187,20 @@ class OrdinatesForward(Forward):
 
 @eqx.filter_jit
 def _values(plans: tuple[_Plan, ...], columns: Columns) -> tuple[Array, ...]:
-    done: dict[tuple, tuple[Grid, list[Response[Matrix]]]] = {}  # geometries that need the same directions share them
+    done: dict[tuple, tuple[Grid, tuple[Response[Matrix], ...], list[Response[Matrix]]]] = {}  # geometries that need the same directions share them
     values = []
     for plan in plans:
         if plan.key not in done:
             grid, faces = _optics(plan, columns) if plan.optics is None else plan.optics
-            done[plan.key] = grid, pieces(plan.layout, columns, grid, faces, plan.beams)
-        values.append(_read(plan, *done[plan.key]))
+            numbers = medium(plan.layout, columns)
+            done[plan.key] = grid, faces, pieces(plan.layout, columns, numbers, grid, faces, plan.beams)
+        grid, faces, parts = done[plan.key]
+        value = _read(plan, grid, parts)
+        if plan.task.sines and plan.beams:
+            single = correction(plan.layout, columns, medium(plan.layout, columns), grid, faces, plan.task.azimuth)
+            lacking = reflection(single) if plan.task.above else compose_all(single).T_down
+            value = value + grid.rule.n[0 if plan.task.above else -1] ** 2 * lacking.value[:-1, -1]
+        values.append(value)
     return tuple(values)
 
 
