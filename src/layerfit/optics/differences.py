@@ -55,11 +55,11 @@ def third_difference(a: Float[Array, "*#s"], b: Float[Array, "*#s"], c: Float[Ar
 
 
 def _sorted(*points: Float[Array, "..."]) -> list[Float[Array, "..."]]:
-    points = list(jnp.broadcast_arrays(*points))
-    for end in range(len(points) - 1, 0, -1):
+    row = list(jnp.broadcast_arrays(*points))
+    for end in range(len(row) - 1, 0, -1):
         for i in range(end):
-            points[i], points[i + 1] = jnp.minimum(points[i], points[i + 1]), jnp.maximum(points[i], points[i + 1])
-    return points
+            row[i], row[i + 1] = jnp.minimum(row[i], row[i + 1]), jnp.maximum(row[i], row[i + 1])
+    return row
 
 
 def _derivatives(x: Float[Array, "*s"]) -> tuple[Float[Array, "*s"], Float[Array, "*s"], Float[Array, "*s"], Float[Array, "*s"]]:
