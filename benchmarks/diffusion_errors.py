@@ -2,9 +2,9 @@
 
     python benchmarks/diffusion_errors.py
 
-Signed relative errors of R(r): median over the rings of a band of r (in transport mean free paths of the first layer) whose own standard error is below
-5 %. Totals without the first-surface reflection. "median" is over all rings beyond 2 mfp' of the cases in which diffusion claims to hold: layers of 2 mfp'
-or more, sigma_s'/sigma_a of 10 or more.
+Signed relative errors of R(r): median over the rings of a band of r (in transport mean free paths of the first layer) whose own standard
+error is below 5 %. Totals without the first-surface reflection. "median" is over all rings beyond 2 mfp' of the cases in which diffusion
+claims to hold: layers of 2 mfp' or more, sigma_s'/sigma_a of 10 or more.
 """
 
 import sys
@@ -17,7 +17,7 @@ import layerfit as lf
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT / "tests"))
 
-from cases import cases  # noqa: E402
+from cases import cases
 
 BANDS = ((0.1, 0.5), (0.5, 1), (1, 2), (2, 4), (4, 8), (8, 16), (16, np.inf))
 

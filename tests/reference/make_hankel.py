@@ -71,7 +71,8 @@ def multipole_half(sigma_a, sigma_s, A0):
 
 
 def layered_diffusion(layers, n, half_space):
-    """Exitance of N layers of one index: extrapolated boundaries, D = 1/(3 sigma_t'), point at transport depth 1 in the first layer.
+    """Exitance of N layers of one index: D = 1/(3 sigma_t'), point in the first layer at the mean transport depth of what the sample removes
+    from the beam, phi = 0 at the extrapolated boundary of a medium with D and sigma_a averaged over the layers by what they remove.
 
     Returns F(k) = (1 - R1)/4 phi + (1 - R2)/2 J per unit power that has entered.
     """
@@ -79,9 +80,12 @@ def layered_diffusion(layers, n, half_space):
     A = (1 + R2) / (1 - R1)
     rows = [(mp.mpf(a), mp.mpf(s), None if d is None else mp.mpf(d)) for a, s, d in layers]
     D = [1 / (3 * (a + s)) for a, s, _ in rows]
-    z0 = 1 / (rows[0][0] + rows[0][1])
-    power = alpha_total(rows)
-    zb = 2 * A * D[0]
+    shares = removed(rows)
+    tau = -mp.log(1 - sum(shares)) if not half_space else mp.inf
+    z0 = (1 if half_space else 1 - tau / mp.expm1(tau)) / (rows[0][0] + rows[0][1])
+    power = sum(w * s / (a + s) for w, (a, s, _) in zip(shares, rows, strict=True))
+    D_edge = sum(w * Di for w, Di in zip(shares, D, strict=True)) / sum(shares)
+    sigma_a_edge = sum(w * a for w, (a, _, _) in zip(shares, rows, strict=True)) / sum(shares)
     zb_last = 2 * A * D[-1]
 
     def F(k):
@@ -94,11 +98,13 @@ def layered_diffusion(layers, n, half_space):
             if d is not None:
                 tops.append(tops[-1] + d)
         source = power / (2 * D[0] * g[0])
-        # extrapolated boundary at -zb: phi = 0
-        M[0, 0] = 1
+        # extrapolated boundary: phi = 2 A tanh(x)/x times the outward flux D phi'
+        x = 2 * A * D_edge * mp.sqrt(k**2 + sigma_a_edge / D_edge)
+        ratio = 2 * A * mp.tanh(x) / x * D[0] * g[0]
+        M[0, 0] = 1 + ratio
         if not (half_space and len(rows) == 1):
-            M[0, 1] = mp.exp(-g[0] * (rows[0][2] + 2 * zb))
-        v[0] = -source * mp.exp(-g[0] * (z0 + 2 * zb))
+            M[0, 1] = mp.exp(-g[0] * rows[0][2]) * (1 - ratio)
+        v[0] = -source * mp.exp(-g[0] * z0) * (1 - ratio)
         row = 1
         for i in range(len(rows) - 1):
             d = rows[i][2]
@@ -127,14 +133,14 @@ def layered_diffusion(layers, n, half_space):
     return F
 
 
-def alpha_total(rows):
-    """Share of the beam that is scattered."""
-    total, tau = mp.mpf(0), mp.mpf(0)
+def removed(rows):
+    """Share of the beam that each layer removes."""
+    shares, left = [], mp.mpf(1)
     for a, s, d in rows:
-        t = mp.inf if d is None else (a + s) * d
-        total += mp.exp(-tau) * s / (a + s) * (1 - (0 if d is None else mp.exp(-t)))
-        tau += t
-    return total
+        passing = 0 if d is None else mp.exp(-(a + s) * d)
+        shares.append(left * (1 - passing))
+        left *= passing
+    return shares
 
 
 def profile(F, sigma_min, radii):

@@ -182,7 +182,7 @@ def _tail(kernel: Kernel, k_high: float, order: int) -> np.ndarray:
     total = np.zeros((kernel.elements, order))
     for term in kernel.terms:
         decay = _decay(kernel, term)
-        for element in range(kernel.elements):
+        for element in np.flatnonzero(term.coefficient).tolist():  # the inner edge of a ring from 0 on has none
             reach = _DEEP / max(decay[element], 1e-12 * k_high)
             edges = [0.0, min(0.5 * k_high, 0.25 * reach)]
             while edges[-1] < reach:

@@ -158,7 +158,7 @@ class SpectralForward(Forward):
 
     def _one(self, columns: Columns, geometry: Geometry, plan: _Plan, shift: Float[Array, ""] | None) -> Float[Array, "values"]:
         images = self.solver.images(columns, geometry) if _images_apply(geometry) and plan.nodes is None else None
-        spectrum = self.solver.spectrum(columns, plan.k, geometry, without_images=images is not None)
+        spectrum = self.solver.spectrum(columns, jnp.asarray(plan.k), geometry, without_images=images is not None)
         values = plan.weights @ spectrum.diffuse + plan.direct * spectrum.unscattered
         if plan.nodes is not None:
             assert plan.barycentric is not None and shift is not None
