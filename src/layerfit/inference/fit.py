@@ -17,7 +17,7 @@ from ..scene.stack import Stack
 from .least_squares import Descent, descend
 from .parameters import unbounded
 from .problem import Problem
-from .uncertainty import Uncertainty, correlation, uncertainty
+from .uncertainty import POOR, UNDETERMINED, Uncertainty, correlation, is_positive, uncertainty
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -185,9 +185,9 @@ class _Run(eqx.Module):
 
 def _run_one(problem: Problem, share: np.ndarray) -> _Run:
     u = unbounded(share)
-    rough = descend(problem.model, u, np.array(1.0), _MAX_STEPS)
+    rough = descend(problem.model, u, np.array(1.0), _MAX_STEPS, np.array(False))
     begin = np.asarray(rough.u)
-    end = descend(problem.model, begin if np.all(np.isfinite(begin)) else u, np.array(0.0), _MAX_STEPS)
+    end = descend(problem.model, begin if np.all(np.isfinite(begin)) else u, np.array(0.0), _MAX_STEPS, np.array(False))
     value = float(np.sum(np.asarray(end.residual) ** 2))
     outcome = Outcome.CONVERGED if bool(end.result == optx.RESULTS.successful) else Outcome.MAX_STEPS
     if not math.isfinite(value):
@@ -228,14 +228,23 @@ def _same_minimum(problem: Problem, best: _Run, other: _Run) -> bool:
     return (other.start.chi2 - best.start.chi2) / variance <= _SAME and float(np.sum(moved**2)) / variance <= 10.0 * _SAME
 
 
+def _jacobian(descent: Descent) -> np.ndarray:
+    """Jacobian of the weighted residuals in physical units (n, p)."""
+    return np.asarray(descent.jacobian) / np.maximum(np.asarray(descent.slope), 1e-300)
+
+
+def _linearised(problem: Problem, x: np.ndarray) -> Descent:
+    """Residuals and Jacobian at a point in physical units."""
+    share = np.array([p.share(float(v)) for p, v in zip(problem.parameters, x, strict=True)])
+    return descend(problem.model, unbounded(share), np.array(0.0), _MAX_STEPS, np.array(True))
+
+
 def _assemble(problem: Problem, runs: Sequence[_Run], seconds: float) -> Fit:
     best = runs[0]
     descent = best.descent
     x = np.asarray(descent.x)
     variance = _variance(problem, best)
-    share = np.array([p.share(float(v)) for p, v in zip(problem.parameters, x, strict=True)])
-    jacobian = np.asarray(descent.jacobian) / np.maximum(np.asarray(descent.slope), 1e-300)
-    known = uncertainty(problem.parameters, x, share, jacobian, variance)
+    known = uncertainty(problem.parameters, x, lambda point: _jacobian(_linearised(problem, point)), _jacobian(descent), variance)
     flat = np.asarray(descent.residual)
     sizes = np.cumsum([d.geometry.size for d in problem.data])[:-1]
     weighted = np.split(flat / math.sqrt(variance), sizes)
@@ -283,9 +292,12 @@ def _warnings(problem: Problem, runs: Sequence[_Run], known: Uncertainty, stack:
             warnings.append(
                 f"{parameter.name} is at its {side} bound ({x:.4g} {parameter.unit}); it has no standard error, and the others hold with it there"
             )
-    for parameter, unknown, bound in zip(problem.parameters, known.undetermined, known.at_bound, strict=True):
-        if unknown and not bound:
+    for parameter, sd in zip(problem.parameters, known.relative, strict=True):
+        if not sd <= UNDETERMINED:
             warnings.append(f"{parameter.name} is not determined by the data")
+        elif sd > POOR:
+            whole = "value" if is_positive(parameter) else "interval"
+            warnings.append(f"{parameter.name} is poorly determined by the data: its standard error is {100 * sd:.0f} % of its {whole}")
     warnings.extend(known.directions)
     if noise is not None:
         warnings.append(f"the data have no sd: one relative noise was estimated from the fit, {noise:.2g}")

@@ -36,7 +36,7 @@ class _State(eqx.Module):
 class LevenbergMarquardt(optx.AbstractLeastSquaresSolver[Float[Array, "p"], Float[Array, "n"], None, _State]):
     """Stops when a step changes neither coordinates nor residuals, or when two steps in a row gain nothing.
 
-    rtol, atol : of the coordinates and of the residuals.
+    rtol, atol : of the coordinates and of the residuals. With options["linearise"] it stops where it starts, the Jacobian done.
     """
 
     rtol: float = 1e-10
@@ -80,7 +80,7 @@ class LevenbergMarquardt(optx.AbstractLeastSquaresSolver[Float[Array, "p"], Floa
                 step_size=step_size,
                 shrink=jnp.where(accept, 2.0, 2.0 * state.shrink),
                 stalled=stalled,
-                done=settled | exhausted | (stalled >= 2),
+                done=settled | exhausted | (stalled >= 2) | options["linearise"],
             ),
             None,
         )
@@ -116,9 +116,12 @@ def _residuals(model: Model, u: Float[Array, "p"], logarithmic: Float[Array, ""]
     return model.residuals(u, logarithmic)
 
 
-def _descend(model: Model, u: Float[AnyArray, "p"], logarithmic: Float[AnyArray, ""], max_steps: int) -> Descent:
-    """One run from u, on logarithms (1.0) or on the residuals themselves (0.0)."""
-    solution = optx.least_squares(lambda u, _: _residuals(model, u, logarithmic), LevenbergMarquardt(), u, max_steps=max_steps, throw=False)
+def _descend(model: Model, u: Float[AnyArray, "p"], logarithmic: Float[AnyArray, ""], max_steps: int, linearise: Bool[AnyArray, ""]) -> Descent:
+    """One run from u, on logarithms (1.0) or on the residuals themselves (0.0); with linearise only the residuals and Jacobian at u."""
+    options = {"linearise": linearise}
+    solution = optx.least_squares(
+        lambda u, _: _residuals(model, u, logarithmic), LevenbergMarquardt(), u, options=options, max_steps=max_steps, throw=False
+    )
     x, slope = jax.jvp(model.coordinates.physical, (solution.value,), (jnp.ones_like(u),))  # each number has its own coordinate
     return Descent(
         solution.value,

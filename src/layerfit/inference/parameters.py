@@ -65,6 +65,12 @@ class FreeParameter(eqx.Module):
         low, high = self.ends
         return ((math.log(x) if self.log else x) - low) / (high - low)
 
+    def at(self, share: float) -> float:
+        """The value at a position between the bounds on its scale."""
+        low, high = self.ends
+        there = low + share * (high - low)
+        return math.exp(there) if self.log else there
+
 
 def free_parameters(stack: Stack, datasets: Sequence[Dataset], free: Mapping[str, Any], *, where: str = "free") -> tuple[FreeParameter, ...]:
     """Free parameters from ``{name: (min, max)}`` or ``{name: {"min":, "max":, "init":, "scale":}}``.

@@ -1,6 +1,7 @@
 """What a fit knows about its numbers: covariance, bounds reached, and directions the data leave open."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 
 import equinox as eqx
 import numpy as np
@@ -8,56 +9,105 @@ import numpy as np
 from .parameters import FreeParameter
 
 UNDETERMINED = 0.3  # sd of the logarithm (or of the number in units of its interval) above which a number counts as not determined
+POOR = 0.15  # the same, above which it counts as poorly determined
 _AT_BOUND = 1e-3  # share of the interval
+_FURTHEST = 0.5
 
 
 class Uncertainty(eqx.Module):
     """Gaussian uncertainty at a minimum, in physical units.
 
     covariance : (p, p); rows and columns of numbers at a bound are 0, those numbers being held there. stderr : None at a bound, and for a number
-    that the data do not depend on at all. at_bound, undetermined : one flag a number. directions : sentences about combinations left open.
+    that the data do not depend on at all. at_bound : one flag a number. relative : sd of the logarithm (or of the number in units of its interval),
+    infinite where the data say nothing, 0 at a bound. directions : sentences about combinations left open.
     """
 
     covariance: np.ndarray
     stderr: tuple[float | None, ...] = eqx.field(static=True)
     at_bound: tuple[bool, ...] = eqx.field(static=True)
-    undetermined: tuple[bool, ...] = eqx.field(static=True)
+    relative: tuple[float, ...] = eqx.field(static=True)
     directions: tuple[str, ...] = eqx.field(static=True)
+
+
+def is_positive(parameter: FreeParameter) -> bool:
+    """Whether a number is positive by nature, so that what counts is its relative change."""
+    return parameter.low >= 0 and parameter.name.rsplit(".", 1)[1] not in ("g", "background", "offset")
 
 
 def natural_scale(parameter: FreeParameter, x: float) -> float:
     """The change of a number that counts as 1: itself for a positive number (so that its logarithm changes by 1), else its interval."""
-    if parameter.low >= 0 and parameter.name.rsplit(".", 1)[1] not in ("g", "background", "offset"):
+    if is_positive(parameter):
         return max(abs(x), 1e-12 * (parameter.high - parameter.low))
     return parameter.high - parameter.low
 
 
-def uncertainty(parameters: Sequence[FreeParameter], x: np.ndarray, share: np.ndarray, jacobian: np.ndarray, variance: float) -> Uncertainty:
-    """From the Jacobian of the weighted residuals in physical units (n, p) and the variance of a residual (1 where the sd are known)."""
+def uncertainty(
+    parameters: Sequence[FreeParameter], x: np.ndarray, jacobian_at: Callable[[np.ndarray], np.ndarray], jacobian: np.ndarray, variance: float
+) -> Uncertainty:
+    """Uncertainty at the minimum x.
+
+    jacobian : of the weighted residuals at x, in physical units (n, p). jacobian_at : the same at another point. variance : of a residual, 1 where
+    the sd are known.
+
+    The covariance is the mean of that of the linearised model over the Gaussian which it describes, by the cubature rule of degree 3: points at
+    +-sqrt(p) standard deviations along its p principal axes (Arasaratnam and Haykin, IEEE Trans. Autom. Control 54, 1254 (2009), eq 32). For a
+    linear model it is the usual one; where the slopes change within the range that the data allow, the value at the minimum alone is too small.
+    """
+    share = np.array([p.share(float(v)) for p, v in zip(parameters, x, strict=True)])
     at_bound = tuple(bool(s < _AT_BOUND or s > 1.0 - _AT_BOUND) for s in share)
     scale = np.array([natural_scale(p, v) for p, v in zip(parameters, x, strict=True)])
     free = np.flatnonzero(~np.array(at_bound))
     covariance = np.zeros((len(x), len(x)))
     if not np.all(np.isfinite(jacobian)):  # of a fit that failed: nothing is known
-        return Uncertainty(covariance, (None,) * len(x), at_bound, (True,) * len(x), ())
+        return Uncertainty(covariance, (None,) * len(x), at_bound, (math.inf,) * len(x), ())
     stderr: list[float | None] = [None] * len(x)
-    undetermined = [False] * len(x)
+    relative = [0.0] * len(x)
     directions: list[str] = []
     if free.size:
         scaled = jacobian[:, free] * scale[free]
-        _, singular, rows = np.linalg.svd(scaled, full_matrices=False)
-        rank_floor = singular[0] * 1e-13 if singular[0] > 0 else 1.0
-        spread = np.sqrt(variance) / np.maximum(singular, rank_floor)
-        inner = (rows.T * spread**2) @ rows
+        inside = [parameters[i] for i in free.tolist()]
+        around = []
+        for step in _cubature(*_spread(scaled, variance)):
+            point = x.copy()
+            point[free] = [_moved(p, v, s) for p, v, s in zip(inside, x[free].tolist(), step.tolist(), strict=True)]
+            there = jacobian_at(point)[:, free] * [natural_scale(p, v) for p, v in zip(inside, point[free].tolist(), strict=True)]
+            if np.all(np.isfinite(there)):
+                around.append(_linear(*_spread(there, variance)))
+        inner = np.mean(around, axis=0) if around else _linear(*_spread(scaled, variance))
         covariance[np.ix_(free, free)] = inner * np.outer(scale[free], scale[free])
         for position, index in enumerate(free.tolist()):
             blind = not np.any(scaled[:, position])
             sd = np.sqrt(inner[position, position])
             stderr[index] = None if blind else float(sd * scale[index])
-            undetermined[index] = bool(blind or not sd <= UNDETERMINED)
-        inside = [parameters[i] for i in free.tolist()]
-        directions = [_sentence(inside, row, sd) for row, sd in zip(rows, spread, strict=True) if not sd <= UNDETERMINED]
-    return Uncertainty(covariance, tuple(stderr), at_bound, tuple(undetermined), tuple(directions))
+            relative[index] = math.inf if blind else float(sd)
+        values, axes = np.linalg.eigh(inner)
+        spread = np.sqrt(np.maximum(values, 0.0))
+        directions = [_sentence(inside, axis, sd) for axis, sd in zip(axes.T[::-1], spread[::-1], strict=True) if not sd <= UNDETERMINED]
+    return Uncertainty(covariance, tuple(stderr), at_bound, tuple(relative), tuple(directions))
+
+
+def _spread(scaled: np.ndarray, variance: float) -> tuple[np.ndarray, np.ndarray]:
+    """Principal axes (rows) of the linearised model's Gaussian and the standard deviations along them."""
+    _, singular, rows = np.linalg.svd(scaled, full_matrices=False)
+    rank_floor = singular[0] * 1e-13 if singular[0] > 0 else 1.0
+    return rows, np.sqrt(variance) / np.maximum(singular, rank_floor)
+
+
+def _linear(rows: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """Covariance of the linearised model, in natural scales."""
+    return (rows.T * spread**2) @ rows
+
+
+def _cubature(rows: np.ndarray, spread: np.ndarray) -> list[np.ndarray]:
+    """Steps to the cubature points, in natural scales; none further than _FURTHEST, where an open direction says nothing any more."""
+    lengths = np.minimum(math.sqrt(len(spread)) * spread, _FURTHEST)
+    return [sign * length * row for row, length in zip(rows, lengths, strict=True) for sign in (1.0, -1.0)]
+
+
+def _moved(parameter: FreeParameter, x: float, step: float) -> float:
+    """A number after a step in its natural scale, kept inside its bounds."""
+    there = x * math.exp(step) if is_positive(parameter) else x + step * natural_scale(parameter, x)
+    return min(max(there, parameter.at(_AT_BOUND)), parameter.at(1.0 - _AT_BOUND))
 
 
 def _sentence(parameters: Sequence[FreeParameter], direction: np.ndarray, sd: float) -> str:

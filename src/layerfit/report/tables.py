@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from ..arrays import AnyArray
 from ..inference.model import Scene
+from ..inference.uncertainty import UNDETERMINED
 from ..solver import Solver
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ def parameter_rows(fit: "Fit") -> list[dict[str, str]]:
     for parameter, (name, estimate) in zip(fit.problem.parameters, fit.parameters.items(), strict=True):
         note = "at its bound" if estimate.at_bound else ""
         index = fit.problem.names.index(name)
-        if not note and fit.uncertainty.undetermined[index]:
+        if not note and fit.uncertainty.relative[index] > UNDETERMINED:
             note = "not determined"
         rows.append(
             {
