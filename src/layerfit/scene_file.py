@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from .errors import InputError
 from .measurement.csv_file import Table, dataset_from_table, geometry_from_table, read_table, read_text
 from .measurement.dataset import Dataset, Noise, check_measurement_name
-from .measurement.geometry import GEOMETRIES, Geometry, Radial, SpatialFrequency, Total, TotalReflectance
+from .measurement.geometry import GEOMETRIES, Angular, Geometry, Incident, Radial, SpatialFrequency, Total, TotalReflectance
 from .measurement.source import SOURCES, Detector, Source
 from .scene.layer import HalfSpace, Layer
 from .scene.stack import Stack
@@ -21,8 +21,6 @@ from .solver import Solver, solver_by_name
 
 if TYPE_CHECKING:
     from .inference.problem import Problem
-
-_LATER = ("angular_reflectance", "angular_transmittance")
 
 
 class _Table(BaseModel):
@@ -207,8 +205,6 @@ def _measurement(path: Path, number: int, table: _Measurement) -> Measurement:
 
 
 def _measurement_at(path: Path, name: str, table: _Measurement) -> Measurement:
-    if table.kind in _LATER:
-        raise InputError(f"kind = '{table.kind}': no solver of this version predicts it; allowed now: {', '.join(GEOMETRIES)}")
     if table.kind not in GEOMETRIES:
         raise InputError(f"kind = '{table.kind}'; allowed: {', '.join(GEOMETRIES)}{_closest(table.kind, GEOMETRIES)}")
     cls = GEOMETRIES[table.kind]
@@ -217,8 +213,10 @@ def _measurement_at(path: Path, name: str, table: _Measurement) -> Measurement:
     source = _source(table.source) if table.source else None
     detector = Detector(table.detector.radius, table.detector.na) if table.detector else None
     options: dict[str, Any] = {}
-    if issubclass(cls, Total):
+    if issubclass(cls, Incident):
         options["incidence"] = table.incidence if table.incidence is not None else "normal"
+    if issubclass(cls, Angular):
+        options["azimuth"] = table.azimuth
     if cls is TotalReflectance:
         options["specular"] = table.specular or "excluded"
     if table.file is not None:
@@ -239,6 +237,8 @@ def _check_keys(table: _Measurement, cls: type[Geometry]) -> None:
     known = {"name", "kind", "file", "noise"}
     if issubclass(cls, Total):
         known |= {"value", "sd", "incidence"} | ({"specular"} if cls is TotalReflectance else set())
+    elif issubclass(cls, Angular):
+        known |= {"x", "incidence", "azimuth"}
     elif cls is SpatialFrequency:
         known |= {"x"}
     else:
@@ -263,7 +263,7 @@ def _inline(table: _Measurement, cls: type[Geometry], source: Source | None, det
         return cls(r_min=table.x_min, r_max=table.x_max, source=source, detector=detector)
     if issubclass(cls, SpatialFrequency):
         return cls(table.x)
-    return cls(**options)
+    return cls(table.x, **options) if issubclass(cls, Angular) else cls(**options)
 
 
 def _source(table: _Source) -> Source:

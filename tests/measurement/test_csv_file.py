@@ -117,7 +117,7 @@ def test_noise_is_used_where_there_is_no_sd(file):
         ("k [1/mm], value [1]\n1, 2\n", ", column 'k'", "cycles per length are called fx"),
         ("r [mm], value [1/mm^2], sd [mm]\n1, 2, 1\n", ", column 'sd'", "unit 'mm' does not fit"),
         ("fx [1/mm], value [1], sd [%]\n1, 0.5, 2\n", "", "sd in % of what?"),
-        ("R [mm], value [1/mm^2]\n1, 2\n", ", line 1", "column 'R' is unknown; allowed: r, r_min, r_max, k, fx, value, sd; did you mean r?"),
+        ("R [mm], value [1/mm^2]\n1, 2\n", ", line 1", "column 'R' is unknown; allowed: r, r_min, r_max, k, fx, angle, value, sd; did you mean r?"),
         ("rho [mm], value [1/mm^2]\n1, 2\n", ", line 1", "column 'rho' is unknown"),
         ("r [mm], r [mm]\n1, 2\n", ", line 1", "column 'r' is there twice"),
         ("r [mm]\n1\n", "", "there is no column 'value'"),

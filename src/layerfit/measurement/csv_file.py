@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from .dataset import Dataset, Noise
-from .geometry import GEOMETRIES, Geometry, Radial, RadialReflectance, SpatialFrequency, Total, value_unit
+from .geometry import GEOMETRIES, Angular, Geometry, Radial, RadialReflectance, SpatialFrequency, Total, value_unit
 from .source import Detector, Source
 from .units import factor_to_internal
 
@@ -20,9 +20,10 @@ _PLACES = {
     "r_max": "length",
     "k": "angular frequency",
     "fx": "cycles",
+    "angle": "angle",
 }
 _COLUMNS = (*_PLACES, "value", "sd")
-_VALUE_QUANTITY = {"1/mm^2": "per area", "1/mm": "per length", "1": "number"}
+_VALUE_QUANTITY = {"1/mm^2": "per area", "1/mm": "per length", "1": "number", "1/sr": "per solid angle"}
 
 
 @dataclass(frozen=True)
@@ -139,7 +140,15 @@ def geometry_from_table(
             )
         kind = SpatialFrequency.kind if frequency else RadialReflectance.kind
     cls = GEOMETRIES[kind]
-    allowed = [["k"], ["fx"]] if cls is SpatialFrequency else [[]] if issubclass(cls, Total) else [["r"], ["r_min", "r_max"]]
+    allowed = (
+        [["angle"]]
+        if issubclass(cls, Angular)
+        else [["k"], ["fx"]]
+        if cls is SpatialFrequency
+        else [[]]
+        if issubclass(cls, Total)
+        else [["r"], ["r_min", "r_max"]]
+    )
     if sorted(places) not in [sorted(a) for a in allowed]:
         wanted = " or ".join(" and ".join(a) or "value alone" for a in allowed)
         raise InputError(f"{table.path}: columns {', '.join(table.columns)} do not fit {kind}; allowed: {wanted}")

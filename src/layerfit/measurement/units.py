@@ -14,6 +14,8 @@ _QUANTITIES = {
     "per area": (-2, False, "1/mm^2"),
     "per length": (-1, False, "1/mm"),
     "number": (0, False, "1"),
+    "angle": (0, True, "deg"),
+    "per solid angle": (0, False, "1/sr"),
 }
 _ANGLES = ("radian", "degree", "turn")
 _SHARES = ("percent", "permille", "ppm")

@@ -38,7 +38,7 @@ def allot(nodes: int, edges: np.ndarray) -> tuple[int, ...]:
     edges : increasing values of p, 0 not among them. The sum may exceed ``nodes``.
 
     >>> allot(16, np.array([1.0, 1.5]))
-    (8, 8)
+    (7, 9)
     """
     angle = np.diff(np.arcsin(np.minimum(np.concatenate([[0.0], edges]) / edges[-1], 1.0)))
     return tuple(int(max(min(4, nodes), np.ceil(nodes * share - 0.5))) for share in angle / angle.sum())
@@ -81,7 +81,7 @@ def ordinates(n: Float[Array, "media"], groups: tuple[int, ...], counts: tuple[i
     return Ordinates(n, jnp.concatenate(W), jnp.concatenate(p), mu, real, top)
 
 
-def cosine(n: Float[Array, "*m"], p: Float[Array, "*#m"]) -> tuple[Float[Array, "*m"], Bool[Array, "*m"]]:
+def cosine(n: Float[Array, "..."], p: Float[Array, "..."]) -> tuple[Float[Array, "..."], Bool[Array, "..."]]:
     """Cosine of the direction p = n sin(theta) in a medium of index n, and whether it exists there (else the cosine is given as 1)."""
     square = (n - p) * (n + p) / n**2
     real = square > 0.0

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError
-from ..measurement.geometry import Geometry, SpatialFrequency, value_unit
+from ..measurement.geometry import Angular, Geometry, SpatialFrequency, value_unit
 from ..predict import Prediction
 from .html import fit_report, svg
 from .plots import plot_fit
@@ -111,7 +111,7 @@ def save_fit(fit: "Fit", folder: Any, *, title: str = "layerfit") -> dict[str, P
 
 
 def _csv(geometry: Geometry, columns: dict[str, np.ndarray]) -> str:
-    unit = "rad/mm" if isinstance(geometry, SpatialFrequency) else "mm"
+    unit = "rad/mm" if isinstance(geometry, SpatialFrequency) else "deg" if isinstance(geometry, Angular) else "mm"
     table = {f"{name} [{unit}]": values for name, values in geometry.places().items()} | columns
     rows = zip(*table.values(), strict=True)
     return "\n".join([", ".join(table), *(", ".join(f"{v:.10g}" for v in row) for row in rows)]) + "\n"
@@ -125,7 +125,7 @@ def data_csv(geometry: Geometry, values: np.ndarray, sd: np.ndarray | None) -> s
 
 def prediction_dict(solver: str, named: list[tuple[str, Prediction]]) -> dict[str, Any]:
     """Predictions as plain numbers: value and estimated_error are lists of equal length, the error null where unknown."""
-    rename = {"r": "x", "k": "x", "r_min": "x_min", "r_max": "x_max"}
+    rename = {"r": "x", "k": "x", "angle": "x", "r_min": "x_min", "r_max": "x_max"}
     measurements = []
     for name, p in named:
         errors = [None] * len(p.values) if p.estimated_error is None else [_finite(float(e)) for e in p.estimated_error]

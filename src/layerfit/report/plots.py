@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..measurement.geometry import Geometry, Radial, SpatialFrequency, value_unit
+from ..measurement.geometry import Angular, Geometry, Radial, SpatialFrequency, value_unit
 from .tables import unit_text
 
 if TYPE_CHECKING:
@@ -18,6 +18,8 @@ def axis_label(geometry: Geometry) -> str:
     """Name and unit of the abscissa."""
     if isinstance(geometry, Radial):
         return "distance r [mm]"
+    if isinstance(geometry, Angular):
+        return "angle [deg]"
     return "spatial frequency k [rad/mm]" if isinstance(geometry, SpatialFrequency) else ""
 
 

@@ -1,6 +1,7 @@
 """Discrete ordinates: radiative transport in any number of layers, exact in angle."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import ClassVar, NamedTuple
 
 import equinox as eqx
@@ -78,18 +79,22 @@ class DiscreteOrdinates(Solver):
 
     def forward(self, domain: Domain, geometries: Sequence[Geometry], shifts: Sequence[tuple[float, float]]) -> Forward:
         tables = tuple(dict(self.phase).get(layer.name) for layer in domain.stack.layers)
-        streams = self.streams or _enough(domain)
-        layouts = [lay_out(domain, streams, _orders(geometry, streams), tables) for geometry in geometries]
+        streams = self.streams or _enough(domain, any(isinstance(geometry, Angular) for geometry in geometries))
+        layouts = []
+        for geometry in geometries:
+            layout = lay_out(domain, streams, 1, tables)
+            orders = _orders(geometry, domain, layout.terms, any(table is not None for table in tables))
+            layouts.append(replace(layout, orders=orders))
         fine = tuple(_plan(domain, *pair) for pair in zip(geometries, layouts, strict=True))
         coarse = tuple(_plan(domain, geometry, coarsened(layout)) for geometry, layout in zip(geometries, layouts, strict=True))
         return OrdinatesForward(fine, coarse)
 
 
-def _enough(domain: Domain) -> int:
+def _enough(domain: Domain, angular: bool) -> int:
     """Streams for an error of 2e-6 in totals, 1e-5 for g above 0.8 (rough faces: about 1e-4). More where directions fall into panels."""
     g = float(np.max(np.abs(np.asarray(domain.high.g))))
     panels = len(np.unique(np.concatenate([media(domain.low), media(domain.high)]))) > 1
-    streams = 32 if g <= (0.6 if panels else 0.8) else 64 if g <= (0.8 if panels else 0.95) else 96 if g <= 0.95 else 128
+    streams = 32 if g <= (0.6 if panels else 0.8) else 64 if g <= (0.8 if panels or angular else 0.95) else 96 if g <= 0.95 and not angular else 128
     return streams if all(domain.low.smooth) else max(streams, 48)
 
 
@@ -150,11 +155,21 @@ def _plan(domain: Domain, geometry: Geometry, layout: Layout) -> _Plan:
     return plan
 
 
-def _orders(geometry: Geometry, streams: int) -> int:
-    """Azimuthal orders: one for what is averaged over azimuth or symmetric about the normal, else as many as the rule can tell apart."""
+_DECAY = 1e-8  # what an azimuthal order of light scattered twice may fall to before it is left out
+
+
+def _orders(geometry: Geometry, domain: Domain, terms: int, tabulated: bool) -> int:
+    """Azimuthal orders: one for what is averaged over azimuth or symmetric about the normal; else as long as they matter.
+
+    Light scattered twice has them in proportion to g^(2 m) at most; once-scattered light is corrected in closed form. Rough faces and tabulated phase
+    functions need all that the rule can tell apart.
+    """
     if not isinstance(geometry, Angular) or geometry.azimuth is None or geometry.incidence in ("normal", "diffuse", 0.0):
         return 1
-    return streams // 2
+    g = max(float(np.max(np.abs(np.asarray(c.g)))) for c in (domain.low, domain.high))
+    if tabulated or not all(domain.low.smooth):
+        return terms
+    return min(terms, 1 if g == 0.0 else int(np.ceil(0.5 * np.log(_DECAY) / np.log(g))) + 2)
 
 
 @eqx.filter_jit

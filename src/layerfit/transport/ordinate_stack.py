@@ -62,7 +62,8 @@ def lay_out(domain: Domain, streams: int, orders: int, tables: tuple[tuple[float
 def coarsened(layout: Layout) -> Layout:
     """The same with two thirds of the directions in each panel."""
     counts = tuple(max(1, round(2 * count / 3)) for count in layout.counts)
-    return Layout(layout.groups, counts, terms_of(counts), layout.orders, layout.tables)
+    terms = terms_of(counts)
+    return Layout(layout.groups, counts, terms, min(layout.orders, terms), layout.tables)
 
 
 def terms_of(counts: tuple[int, ...]) -> int:

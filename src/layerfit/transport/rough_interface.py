@@ -161,10 +161,12 @@ def _fourier(
     function: Callable[..., Array], a: Side, out: Side, n: Float[Array, ""], roughness: Float[Array, ""], views: slice, sources: slice, orders: int
 ) -> Float[Array, "m v b"]:
     """What a beam sends into a line of sight after one facet, by azimuthal order."""
-    phi = 2.0 * np.pi * (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS
+    if out.mu[views].size == 0 or a.mu[sources].size == 0:
+        return jnp.zeros((orders, out.mu[views].size, a.mu[sources].size))
+    phi = jnp.asarray(2.0 * np.pi * (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS)
     mu_out, mu_in = out.mu[views][:, None, None], a.mu[sources][None, :, None]
     value = function(mu_in, mu_out, phi, n, roughness)
     value = jnp.where((out.real[views][:, None] & a.real[sources])[:, :, None], value, 0.0)
     value = value / (out.n if function is brdf else a.n) ** 2
-    modes = np.cos(np.arange(orders)[:, None] * phi) * (2.0 * np.pi / _AZIMUTHS)
+    modes = jnp.cos(np.arange(orders)[:, None] * phi) * (2.0 * np.pi / _AZIMUTHS)
     return jnp.einsum("vbf,mf->mvb", value, modes)
