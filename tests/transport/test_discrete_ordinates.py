@@ -70,13 +70,13 @@ def test_half_space_under_a_smooth_face(n, albedo, Rd):
 
 
 def test_mismatched_slabs():
-    """Adding-doubling. Its stated uncertainty (from the step between two numbers of points) is passed by up to 3 times at g 0.9, where these values move
-    by less than 3e-7 from 96 to 120 streams."""
+    """Adding-doubling. At g 0.9 its stated uncertainty is passed by up to 3 times; these move by less than 3e-7 from 96 to 120 streams."""
     for row in table("mismatched_totals.csv"):
         n, g, albedo, tau = (float(row[key]) for key in ("n", "g", "albedo", "tau"))
         values = predicted(slab(tau, albedo, g, n), [R_ALL, T, R_DIFFUSE, T_DIFFUSE], 96 if g > 0.8 else 48)
         for value, key in zip(values, ("R_normal", "T_normal", "R_diffuse", "T_diffuse"), strict=True):
-            (error,)
+            error = abs(value[0] - float(row[key]))
+            allowed = max(1e-5 if g > 0.8 else 3e-6, (4.0 if g > 0.8 else 1.5) * float(row[f"{key}_unc"]))
             assert error <= allowed, (row, key, error)
         if albedo == 1.0:
             assert abs(values[0][0] + values[1][0] - 1.0) <= 1e-9
