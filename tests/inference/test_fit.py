@@ -62,8 +62,8 @@ def test_says_what_the_data_cannot_tell():
         assert abs(estimate.value - TRUTH[name]) <= 4 * estimate.stderr
     exact = lf.fit(problem(CLEAN, BOUNDS))
     relative = exact.parameters["top.sigma_a"].stderr / TRUTH["top.sigma_a"]
-    assert 0.2 <= relative <= 1.2
-    assert any("top.sigma_a" in w and "determined" in w for w in exact.warnings)
+    assert relative >= 0.3
+    assert "top.sigma_a is not determined by the data" in exact.warnings
 
 
 def test_intervals_cover_the_truth():
@@ -127,7 +127,7 @@ def test_tied_numbers_move_together():
 
 @pytest.mark.parametrize(("name", "truth", "bounds"), [("top.n", 1.45, (1.3, 1.6)), ("top.roughness", 0.2, (0.0, 0.5)), ("deep.g", 0.7, (0.0, 0.95))])
 def test_any_number_can_be_free(name, truth, bounds):
-    stack = TWO.set({"top.g": 0.8, "deep.g": 0.8})
+    stack = lf.Stack([layer.replace(g=0.8) for layer in TWO.layers])
     geometries = [lf.SpatialFrequency(k=[0.0, 0.1, 0.3, 1.0]), lf.TotalReflectance(incidence=50.0, specular="included")]
     predicted = lf.predict(stack.set({name: truth}), geometries, solver=SOLVER)
     data = [lf.Dataset(p.geometry, p.values, noise=lf.Noise(relative=0.01), name=f"m{i}") for i, p in enumerate(predicted)]

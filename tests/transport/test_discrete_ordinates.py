@@ -221,6 +221,7 @@ def test_energy_behind_any_face(roughness):
                     assert abs(balance) <= 1e-9 * max(1.0, tau / 1e4), (n, g, tau, balance)
 
 
+@pytest.mark.long
 def test_rough_faces_against_monte_carlo():
     """One facet and a rank-one term for the rest, against a walk over all facets: within 1 % (and 4 standard errors)."""
     for n in (1.33, 1.5):
@@ -232,6 +233,7 @@ def test_rough_faces_against_monte_carlo():
                 assert abs(value[0] - walked.values[0]) <= 0.01 * walked.values[0] + 4.0 * walked.estimated_error[0], (n, roughness)
 
 
+@pytest.mark.long
 def test_the_limit_of_zero_roughness():
     smooth, rough = (predicted(slab(2.0, 0.9, 0.5, 1.4, s), [R_ALL, T, R_DIFFUSE, T_DIFFUSE], 24) for s in (0.0, 1e-5))
     # a beam behind a rough face is carried by the ordinates, to their accuracy; diffuse light differs by the roughness alone

@@ -52,6 +52,11 @@ class Kernel:
     def elements(self) -> int:
         return len(self.terms[0].radius)
 
+    @property
+    def key(self) -> tuple:
+        """Equal for kernels with equal numbers."""
+        return (tuple((t.coefficient.tobytes(), t.radius.tobytes(), t.wave, t.power) for t in self.terms), self.disks, self.gaussian, self.at_zero)
+
 
 @dataclass(frozen=True)
 class Quadrature:
@@ -80,7 +85,21 @@ def quadrature(kernel: Kernel, span: Span, *, order: int = 20, r_max: float | No
 
     order : Gauss nodes a panel; 20 reaches 1e-15 of the largest value, 12 about 1e-9.
     r_max : largest distance the panels are laid out for [mm] (default: that of the kernel). Kernels with one r_max share their nodes.
+
+    The last 32 results are kept: fits of many data of one geometry ask for the same one again and again.
     """
+    key = (kernel.key, span, order, r_max)
+    if key not in _KEPT:
+        while len(_KEPT) >= 32:
+            _KEPT.pop(next(iter(_KEPT)), None)
+        _KEPT[key] = _quadrature(kernel, span, order, r_max)
+    return _KEPT[key]
+
+
+_KEPT: dict[tuple, Quadrature] = {}
+
+
+def _quadrature(kernel: Kernel, span: Span, order: int, r_max: float | None) -> Quadrature:
     if r_max is None:
         r_max = max(float(np.max(np.abs(t.radius))) for t in kernel.terms)
     r_max += sum(kernel.disks) + kernel.gaussian
@@ -104,7 +123,9 @@ def quadrature(kernel: Kernel, span: Span, *, order: int = 20, r_max: float | No
         u, _ = _gauss(12)
         nodes.append(2.0 * k_high / (1.0 + u))
         weights.append(_tail(kernel, k_high, 12))
-    return Quadrature(np.concatenate(nodes), np.concatenate(weights, axis=1))
+    rule = Quadrature(np.concatenate(nodes), np.concatenate(weights, axis=1))
+    rule.k.flags.writeable = rule.weights.flags.writeable = False
+    return rule
 
 
 @cache

@@ -79,8 +79,9 @@ def divided_differences(x1: Float[Array, "*s"], x2: Float[Array, "*s"]) -> tuple
     dd_tanhc_small = dd
     dd_sech2_small = -(fu**2 + v * (fu + fv) * dd)
 
-    # low may be 0 here while high is not: keep its root away from the infinite slope, its formulas are even in a to that order
-    a = jnp.sqrt(jnp.where(small, 1.0, jnp.maximum(low, 1e-30)))
+    # low may be 0 here while high is not. The formulas are even in its root a, but the slope of the root is infinite at 0: a shift that is
+    # invisible in the value keeps their slope, which a lower limit would make 0
+    a = jnp.sqrt(jnp.where(small, 1.0, low + jnp.where(low < 1e-6, 3e-15, 0.0)))
     b = jnp.sqrt(jnp.where(small, 1.0, high))
     ea, eb = jnp.exp(-2.0 * a), jnp.exp(-2.0 * b)
     bridge = 4.0 * ea * expc(2.0 * (b - a)) / ((1.0 + ea) * (1.0 + eb))  # sinhc(b - a) sech a sech b

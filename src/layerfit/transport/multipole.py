@@ -220,26 +220,26 @@ def entering_share(columns: Columns) -> Float[Array, ""]:
 
 
 def _point_slab(
-    alpha: Float[Array, ""], l: Float[Array, ""], zb0: Float[Array, ""], zb1: Float[Array, ""], q: Float[Array, "k"], d: Float[Array, ""]
-) -> tuple[Float[Array, "k"], Float[Array, "k"]]:
+    alpha: Float[Array, ""], l: Float[Array, ""], zb0: Float[Array, ""], zb1: Float[Array, ""], q: Float[Array, "*k"], d: Float[Array, ""]
+) -> tuple[Float[Array, "*k"], Float[Array, "*k"]]:
     """R and T of a slab for light from the side of zb0, as even functions of gamma without growing exponentials."""
     L = d + zb0 + zb1
     whole = L * tanhc(q * L**2)
 
-    def part(x: Float[Array, ""], zb: Float[Array, ""]) -> Float[Array, "k"]:
+    def part(x: Float[Array, ""], zb: Float[Array, ""]) -> Float[Array, "*k"]:
         # sinh(gamma x) cosh(gamma zb)/sinh(gamma L)
         return x * tanhc(q * x**2) / whole * jnp.exp(log_cosh(q * x**2) + log_cosh(q * zb**2) - log_cosh(q * L**2))
 
     return alpha * part(d + zb1 - l, zb0), alpha * part(l + zb0, zb1)
 
 
-def half_space_dipole(slab: _Slab, q: Float[Array, "k"]) -> Float[Array, "k"]:
+def half_space_dipole(slab: _Slab, q: Float[Array, "*k"]) -> Float[Array, "*k"]:
     """R(k) of a half space, point source: alpha' (exp(-gamma l) + exp(-gamma (l + 2 zb)))/2."""
     gamma = decay_rate(q)
     return 0.5 * slab.alpha * jnp.exp(-gamma * slab.l) * (1.0 + jnp.exp(-2.0 * gamma * slab.zb0))
 
 
-def _slab_beyond_dipole(slab: _Slab, q: Float[Array, "k"], d: Float[Array, ""]) -> Float[Array, "k"]:
+def _slab_beyond_dipole(slab: _Slab, q: Float[Array, "*k"], d: Float[Array, ""]) -> Float[Array, "*k"]:
     """R of a slab less that of the half space, as a product: minus the dipole times
     exp(-2 gamma (d + zb1 - l)) (1 - exp(-2 gamma (zb0 + l)))/(1 - exp(-2 gamma L))."""
     gamma = decay_rate(q)
@@ -248,13 +248,13 @@ def _slab_beyond_dipole(slab: _Slab, q: Float[Array, "k"], d: Float[Array, ""]) 
     return -half_space_dipole(slab, q) * jnp.exp(-2.0 * gamma * (d + slab.zb1 - slab.l)) * ratio
 
 
-def half_space_line(slab: _Slab, q: Float[Array, "k"]) -> Float[Array, "k"]:
+def half_space_line(slab: _Slab, q: Float[Array, "*k"]) -> Float[Array, "*k"]:
     """R(k) of a half space, source sigma_s' exp(-sigma_t' z)."""
     gamma = decay_rate(q)
     return 0.5 * slab.sigma_s_prime / (gamma + 1.0 / slab.l) * (1.0 + jnp.exp(-2.0 * gamma * slab.zb0))
 
 
-def _exponential_slab(slab: _Slab, q: Float[Array, "k"], d: Float[Array, ""]) -> Response[Scalar]:
+def _exponential_slab(slab: _Slab, q: Float[Array, "*k"], d: Float[Array, ""]) -> Response[Scalar]:
     """A slab with a source along the beam: an exact diffusion layer between two extrapolated boundaries, exitance equal to the flux there."""
     one = jnp.ones_like(q)
     inner = exponential_source_layer(slab.D * one, q, d * one, one / slab.l, slab.sigma_s_prime * one)
