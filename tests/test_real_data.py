@@ -44,7 +44,7 @@ def test_reflectance_of_measured_skin(skin, wavelength, low, high):
 
 @pytest.mark.parametrize(("name", "bound"), [("si_n14_g08_a0980", 0.15), ("skin_over_fat", 0.35)])
 def test_fit_of_monte_carlo_profiles(name, bound):
-    """Fits of MCML rings beyond 1 mfp' with 2 % error come back near the truth: as near as diffusion allows; docs/fits-of-monte-carlo.md has all solvers."""
+    """Fits of MCML rings beyond 1 mfp' with 2 % error come back as near the truth as diffusion allows (docs/fits-of-monte-carlo.md)."""
     case = load(name)
     low, high = case.rings
     chosen = np.flatnonzero((0.5 * (low + high) >= case.mfp) & (case.R_se < 0.05 * case.R))
