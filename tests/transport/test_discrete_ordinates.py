@@ -69,6 +69,7 @@ def test_half_space_under_a_smooth_face(n, albedo, Rd):
     assert abs(with_specular[0] - without[0] - ((n - 1.0) / (n + 1.0)) ** 2) <= 1e-12
 
 
+@pytest.mark.long
 def test_mismatched_slabs():
     """Adding-doubling. At g 0.9 its stated uncertainty is passed by up to 4 times; in two such rows ours move by 8e-7 from 96 to 120 streams."""
     for row in table("mismatched_totals.csv"):
@@ -83,6 +84,7 @@ def test_mismatched_slabs():
             assert abs(values[2][0] + values[3][0] - 1.0) <= 1e-9
 
 
+@pytest.mark.long
 def test_matched_slabs():
     for row in table("matched_totals.csv"):
         g, albedo, tau = (float(row[key]) for key in ("g", "albedo", "tau"))
@@ -142,6 +144,7 @@ def _radiance_errors(scene, rows, streams):
         yield np.max(np.abs(value - exact) / np.maximum(np.maximum(1e-6, sd), 1e-5 * exact))
 
 
+@pytest.mark.long
 def test_radiances():
     """Against DISORT codes, incident power 1; azimuths, angles down to mu 0.02."""
     for scene, rows in _radiance_cases(0.0, 0.6):
@@ -157,6 +160,7 @@ def test_radiances_of_forward_scattering():
             assert error <= 1.0, scene
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("tau", "down", "up"),
     [(1.0, (3.05855, 0.266648, 0.213750), (0.0395460, 0.101103, 0.151159)), (8.0, (0.669581, 0.422350, 0.236362), (0.493302, 0.519598, 0.379740))],
