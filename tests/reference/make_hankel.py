@@ -82,13 +82,13 @@ def layered_diffusion(layers, n, half_space):
     D = [1 / (3 * (a + s)) for a, s, _ in rows]
     shares = removed(rows)
     tau = -mp.log(1 - sum(shares)) if not half_space else mp.inf
-    z0 = (1 if half_space else 1 - tau / mp.expm1(tau)) / (rows[0][0] + rows[0][1])
+    first_depth = (1 if half_space else 1 - tau / mp.expm1(tau)) / (rows[0][0] + rows[0][1])
     power = sum(w * s / (a + s) for w, (a, s, _) in zip(shares, rows, strict=True))
     D_edge = sum(w * Di for w, Di in zip(shares, D, strict=True)) / sum(shares)
     sigma_a_edge = sum(w * a for w, (a, _, _) in zip(shares, rows, strict=True)) / sum(shares)
     zb_last = 2 * A * D[-1]
 
-    def F(k):
+    def at(k, z0):
         g = [mp.sqrt(k**2 + a / Di) for (a, _, _), Di in zip(rows, D, strict=True)]
         # layer i: a_i exp(-g (z - top)) + b_i exp(-g (bottom - z)); unknowns in order
         count = 2 * len(rows) - (1 if half_space else 0)
@@ -130,7 +130,11 @@ def layered_diffusion(layers, n, half_space):
         J = D[0] * g[0] * (-x[0] + b + direct)
         return (1 - R1) / 4 * phi + (1 - R2) / 2 * J
 
-    return F
+    if half_space:
+        return lambda k: at(k, first_depth)
+    # what passes a slab (of one layer) is partly reflected at its lower face and feeds a second point, and so on
+    back = ((mp.mpf(n) - 1) / (mp.mpf(n) + 1)) ** 2 * mp.exp(-tau)
+    return lambda k: (at(k, first_depth) + back * at(k, rows[0][2] - first_depth)) / (1 - back**2)
 
 
 def removed(rows):
