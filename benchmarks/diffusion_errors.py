@@ -1,6 +1,7 @@
 """The error of every diffusion solver and variant against Monte Carlo, case by case; writes docs/diffusion-errors.md.
 
-    python benchmarks/diffusion_errors.py
+    python benchmarks/diffusion_errors.py             # all variants, half an hour
+    python benchmarks/diffusion_errors.py default     # those whose name holds the word
 
 Signed relative errors of R(r): median over the rings of a band of r (in transport mean free paths of the first layer) whose own standard
 error is below 5 %. Totals without the first-surface reflection. "median" is over all rings beyond 2 mfp' of the cases in which diffusion
@@ -74,7 +75,8 @@ def percent(values):
 
 
 def main():
-    rows = {name: {case.name: errors(solver, case) for case in cases()} for name, solver in VARIANTS.items()}
+    wanted = {name: solver for name, solver in VARIANTS.items() if all(word in name for word in sys.argv[1:])}
+    rows = {name: {case.name: errors(solver, case) for case in cases()} for name, solver in wanted.items()}
     lines = ["# Errors of the diffusion solvers", "", *(__doc__.split("\n\n")[0].split("; ")[0] + ".",), ""]
     lines += ["Made by `python benchmarks/diffusion_errors.py`. " + " ".join(__doc__.split("\n\n")[2].split()), ""]
     lines += [
@@ -103,7 +105,7 @@ def main():
         lines += ["", f"## {case.name}{'' if case.diffusive else ' (outside the range of diffusion)'}", "", f"`{layers}`", ""]
         lines += ["Errors of R(r) [%] by r/mfp', and of totals [percentage points].", ""]
         lines += ["| variant | " + " | ".join(f"{a:g} to {b:g}" for a, b in BANDS) + " | R | T |", "|---" * (len(BANDS) + 3) + "|"]
-        for name in SHOWN:
+        for name in (name for name in SHOWN if name in rows):
             found = rows[name][case.name]
             if found is None:
                 lines.append(f"| {name} | refused: outside its range" + " | " * (len(BANDS) + 2) + "|")
