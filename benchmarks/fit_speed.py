@@ -47,7 +47,7 @@ def main():
             errors.append(float(np.max(np.abs(result.x / truth - 1))))
         rows.append({"what": what, "ms": 1e3 * float(np.median(seconds)), "first_s": first, "truth_to_1e-6": int(np.sum(np.array(errors) <= 1e-6))})
     stated = problem(guesses[0])
-    predict = jax.jit(stated.model.predict)
+    predict = jax.jit(lambda x: stated.model.predict(x))
     seconds, errors = [], []
     for guess in guesses[:4]:
         began = time.perf_counter()

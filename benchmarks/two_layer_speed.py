@@ -21,7 +21,7 @@ import numpy as np
 from record import record
 
 import layerfit as lf
-from layerfit.optics.fresnel import moments
+from layerfit.optics.fresnel import diffuse_moments, mismatch
 from layerfit.scene.columns import to_columns
 from layerfit.solver import Domain
 
@@ -98,8 +98,7 @@ def main():
     expected = np.array([float(v) for k, v in STORED.items() if k.startswith("multipole two") for v in v])
     visible = (stored_r >= 0.3) & (stored_r <= 15)
     entering = 1 - (0.4 / 2.4) ** 2
-    R1, R2 = (float(x) for x in moments(jnp.asarray(1.4)))
-    A = (1 + R2) / (1 - R1)
+    A = float(mismatch(*diffuse_moments(jnp.asarray(1.4))))
     rows = []
     slow = median_ms(lambda: plain(A), 5)
     axis, row = plain(A)

@@ -110,7 +110,7 @@ def test_layered_totals():
         assert abs(values[1][0] - float(row["flux_down_at_ground"])) <= allowed, row
 
 
-SHORT = ("si_n14_g08_a0667", "si_n14_g08_a0980", "si_n14_g0_a0990", "slab_n14_g08_5mfp", "thin_slab_01mfp_g09", "skin3_dj_R")
+SHORT = ("si_n14_g08_a0667", "thin_slab_01mfp_g09")
 
 
 @pytest.mark.parametrize("name", [name if name in SHORT else pytest.param(name, marks=pytest.mark.long) for name in cases.NAMES])
@@ -178,6 +178,7 @@ def test_disort_problem_3(tau, down, up):
     assert abs(np.pi * reflected[0] / up[0] - 1.0) <= 1.2e-2
 
 
+@pytest.mark.long
 def test_disort_problems_1_and_2():
     """Fluxes as printed (six digits): isotropic at mu0 0.1, Rayleigh at mu0 0.080442; beams of flux pi/mu0 and pi. DISORT's 16 streams."""
     grazing = float(np.degrees(np.arccos(0.1)))
@@ -213,7 +214,7 @@ def test_disort_problems_8_and_9():
         assert abs(T_down[0] - down) <= 1e-4 * down
 
 
-@pytest.mark.parametrize("roughness", [0.0, 0.3])
+@pytest.mark.parametrize("roughness", [0.0, pytest.param(0.3, marks=pytest.mark.long)])
 def test_energy_behind_any_face(roughness):
     """Albedo 1: R + T = 1, whatever the thickness, g and index."""
     both = [R_ALL, T, R_DIFFUSE, T_DIFFUSE]
@@ -246,6 +247,7 @@ def test_the_limit_of_zero_roughness():
     assert error[:2].max() <= 1e-3
 
 
+@pytest.mark.long
 def test_angles_of_a_monte_carlo_case():
     """Exit angles of skin (Donner & Jensen, table 3) with index steps between layers: chi-square of the 3 degree bins."""
     case = cases.load("skin3_dj_R")
