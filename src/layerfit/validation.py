@@ -205,7 +205,7 @@ def _check(name: str, geometry: Geometry, values: np.ndarray, stated: np.ndarray
     excess = np.sign(deviation) * np.maximum(np.abs(deviation) - granted, 0.0)
     compared = mc.compare(estimate, reference + excess, level=level, power=_POWER)
     p = np.where(compared.judged, compared.p, np.nan)
-    beyond = compared.judged & (np.nan_to_num(p, nan=1.0) < level)
+    beyond = compared.judged & ~(p >= level)  # so that NaN does not pass
     beyond[compared.mismatched] = True
     margin = _quantile(estimate.dof, level) * error
     largest = _with_neighbours(np.abs(deviation) + margin)
