@@ -31,15 +31,15 @@ import layerfit.montecarlo as mc
 SCENES = {
     "skin (upper dermis)": (
         mc.Medium([1.4, 1.34], [2.1, 0.16], [48.0, 32.0], [0.0, 0.25], [0.03, math.inf]),
-        200_000,
+        600_000,
         19.7,
     ),
     "skin (bloody dermis)": (
         mc.Medium([1.4, 1.4], [2.1, 0.085], [48.0, 4.5], [0.0, 0.8], [0.03, math.inf]),
-        200_000,
+        600_000,
         19.7,
     ),
-    "skin over fat": (mc.Medium([1.4, 1.44], [0.02, 0.005], [20.0, 12.0], 0.9, [1.5, math.inf]), 40_000, 278.0),
+    "skin over fat": (mc.Medium([1.4, 1.44], [0.02, 0.005], [20.0, 12.0], 0.9, [1.5, math.inf]), 100_000, 278.0),
 }
 TALLIES = mc.Tallies(rings=np.linspace(0.0, 10.0, 101), theta=np.linspace(0.0, 90.0, 31))
 

@@ -116,6 +116,7 @@ def test_validate_refuses(tmp_path: Path):
     refused(layerfit("validate", scene(tmp_path, g="")), "layer 'slab' has no g")
     refused(layerfit("validate", scene(tmp_path), "--solver", "monte-carlo"), "monte-carlo is the judge")
     refused(layerfit("validate", scene(tmp_path), "--solver", "guess"), "solver 'guess' does not exist")
+    refused(layerfit("validate", scene(tmp_path), "--photons", "50"), "photons = 50; allowed is a whole number, at least 100")
     assert not (tmp_path / "scene-validation").exists()
 
 

@@ -170,7 +170,7 @@ def validate(scene: Path, solver: str | None, photons: int | None, seed: int, ou
     Ends with 1 where they differ by more than the solver's stated error.
     """
     _keep_compilations()
-    from .montecarlo_solver import PHOTONS
+    from .montecarlo_solver import PHOTONS, MonteCarlo
     from .report.archive import writable_folder
     from .scene_file import read_scene
     from .validation import Verdict, check
@@ -178,13 +178,15 @@ def validate(scene: Path, solver: str | None, photons: int | None, seed: int, ou
 
     description = read_scene(scene)
     chosen, geometries = description.solver(solver), [m.geometry for m in description.measurements]
+    photons = PHOTONS if photons is None else photons
+    MonteCarlo(photons, seed)  # refused before a folder is made
     check(description.stack, geometries, chosen)
     folder = writable_folder(scene.parent / f"{scene.stem}-validation" if out is None else out)
     result = run(
         description.stack,
         geometries,
         solver=chosen,
-        photons=PHOTONS if photons is None else photons,
+        photons=photons,
         seed=seed,
         names=[m.name for m in description.measurements],
         progress=sys.stderr.isatty(),

@@ -200,7 +200,7 @@ def _default_names(geometries: Sequence[Geometry]) -> list[str]:
 def _check(name: str, geometry: Geometry, values: np.ndarray, stated: np.ndarray | None, estimate: mc.Estimate, level: float) -> Check:
     """One measurement, each value at `level`."""
     reference, error = np.asarray(estimate.value), np.asarray(estimate.standard_error)
-    granted = np.zeros_like(values) if stated is None else np.nan_to_num(stated, nan=0.0)
+    granted = np.zeros_like(values) if stated is None else np.where(stated >= 0.0, stated, 0.0)  # an error that is no number grants nothing
     deviation = values - reference
     excess = np.sign(deviation) * np.maximum(np.abs(deviation) - granted, 0.0)
     compared = mc.compare(estimate, reference + excess, level=level, power=_POWER)

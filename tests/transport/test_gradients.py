@@ -81,7 +81,7 @@ def test_forward_reverse_and_differences(stack, solver, geometry):
 
 
 def test_roughness():
-    stack = SLABS.set({"top.roughness": 0.2, "deep.roughness": 0.0, "scene.roughness_below": 0.3})
+    stack = SLABS.set({"top.roughness": 0.2, "deep.roughness": 0.0, "scene.roughness_below": 0.3, "scene.n_below": 1.0})
     function, x = model(stack, lf.LayeredDiffusion(), [lf.TotalReflectance(), lf.TotalTransmittance()], rough=True)
     values, slope = compiled(function, x), compiled(jax.jacfwd(function), x)(x)
     h = 1e-3

@@ -161,7 +161,7 @@ def fit(
     >>> data = lf.Dataset(lf.RadialReflectance(r=[1, 2, 4, 8]), [0.0215, 0.00929, 0.00231, 0.000347], noise=lf.Noise(relative=0.02))
     >>> result = lf.fit(lf.Problem(skin, data, free={"skin.sigma_a": (1e-3, 1), "skin.sigma_s_prime": (0.1, 10)}))
     >>> {name: (float(f"{p.value:.3g}"), float(f"{p.stderr:.1g}")) for name, p in result.parameters.items()}
-    {'skin.sigma_a': (0.01, 0.0003), 'skin.sigma_s_prime': (0.999, 0.02)}
+    {'skin.sigma_a': (0.0107, 0.0004), 'skin.sigma_s_prime': (0.974, 0.01)}
     """
     if not isinstance(starts, int) or starts < 1:
         raise InputError(f"starts = {starts!r}; allowed is a whole number, at least 1")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,11 +52,12 @@ class Pencil:
 
 
 @dataclass(frozen=True)
-class Disk:
-    """A collimated beam, uniform over a disk of `radius` [mm] on the top face; `cosine` as in `Pencil`."""
+class _Wide:
+    """A collimated beam of finite width."""
 
     radius: float
     cosine: float = 1.0
+    shape: ClassVar[float]
 
     def __post_init__(self) -> None:
         number("radius", self.radius, 0.0, math.inf, "finite and above 0 [mm]", above=True)
@@ -68,28 +70,21 @@ class Disk:
 
     def table(self, n_above: float) -> NDArray[np.float64]:
         """See `Pencil.table`."""
-        return _beam(DISK, float(self.radius), float(self.cosine))
+        return _beam(self.shape, float(self.radius), float(self.cosine))
 
 
 @dataclass(frozen=True)
-class Gaussian:
+class Disk(_Wide):
+    """A collimated beam, uniform over a disk of `radius` [mm] on the top face; `cosine` as in `Pencil`."""
+
+    shape: ClassVar[float] = DISK
+
+
+@dataclass(frozen=True)
+class Gaussian(_Wide):
     """A collimated Gaussian beam; `radius` [mm] is the 1/e^2 radius: intensity exp(-2 r^2 / radius^2)."""
 
-    radius: float
-    cosine: float = 1.0
-
-    def __post_init__(self) -> None:
-        number("radius", self.radius, 0.0, math.inf, "finite and above 0 [mm]", above=True)
-        number("cosine", self.cosine, 0.0, 1.0, "0 < cosine <= 1", above=True)
-
-    @property
-    def symmetric(self) -> bool:
-        """True if nothing changes under rotation about the z axis."""
-        return float(self.cosine) == 1.0
-
-    def table(self, n_above: float) -> NDArray[np.float64]:
-        """See `Pencil.table`."""
-        return _beam(GAUSSIAN, float(self.radius), float(self.cosine))
+    shape: ClassVar[float] = GAUSSIAN
 
 
 @dataclass(frozen=True)

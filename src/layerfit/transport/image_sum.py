@@ -60,7 +60,7 @@ def image_sum(
     >>> slab = lf.Stack([lf.Layer("slab", sigma_a=0.01, sigma_s_prime=1, n=1.4, thickness=5)])
     >>> R, T = lf.image_sum(slab, [1.0, 5.0])
     >>> R.round(6), T.round(6)
-    (Array([0.02321 , 0.000919], dtype=float64), Array([0.001965, 0.000605], dtype=float64))
+    (Array([0.029545, 0.001073], dtype=float64), Array([0.003991, 0.000901], dtype=float64))
     """
     reflected, transmitted = slab_images(stack, pairs=pairs, from_below=from_below, reflection=reflection)
     r = jnp.atleast_1d(jnp.asarray(r, dtype=float))
