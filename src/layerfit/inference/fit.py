@@ -5,11 +5,11 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
+import jax
 import numpy as np
-import optimistix as optx
 from scipy.special import chdtrc
 
 from ..errors import InputError
@@ -178,21 +178,25 @@ def _starting_points(problem: Problem, count: int, seed: int) -> np.ndarray:
     return np.concatenate([init[None], (ranks + 0.5) / max(count - 1, 1)])
 
 
-class _Run(eqx.Module):
+class _Run(NamedTuple):
     start: Start
-    descent: Descent
+    end: Descent  # of this run alone, in NumPy
+
+
+def _rows(problem: Problem, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates at shares between the bounds, filled up to the one number of rows that is compiled; and how many count."""
+    u = np.zeros((2 * len(problem.parameters), len(problem.parameters)))  # as many as the cubature rule has points
+    u[: len(shares)] = unbounded(shares)
+    return u, np.array(len(shares))
 
 
 def _run_one(problem: Problem, share: np.ndarray) -> _Run:
-    u = unbounded(share)
-    rough = descend(problem.model, u, np.array(1.0), _MAX_STEPS, np.array(False))
-    begin = np.asarray(rough.u)
-    end = descend(problem.model, begin if np.all(np.isfinite(begin)) else u, np.array(0.0), _MAX_STEPS, np.array(False))
-    value = float(np.sum(np.asarray(end.residual) ** 2))
-    outcome = Outcome.CONVERGED if bool(end.result == optx.RESULTS.successful) else Outcome.MAX_STEPS
+    end: Descent = jax.tree.map(lambda rows: np.asarray(rows)[0], descend(problem.model, *_rows(problem, share[None]), np.array(False), _MAX_STEPS))
+    value = float(np.sum(end.residual**2))
+    outcome = Outcome.CONVERGED if end.converged else Outcome.MAX_STEPS
     if not math.isfinite(value):
         value, outcome = math.inf, Outcome.NOT_FINITE
-    return _Run(Start(np.asarray(rough.first), np.asarray(end.x), value, int(rough.steps) + int(end.steps), outcome), end)
+    return _Run(Start(np.asarray(end.first), np.asarray(end.x), value, int(end.steps), outcome), end)
 
 
 def _run_all(problem: Problem, points: np.ndarray, on_start: Callable[[int, int], None] | None) -> list[_Run]:
@@ -224,28 +228,29 @@ def _same_minimum(problem: Problem, best: _Run, other: _Run) -> bool:
     if not math.isfinite(other.start.chi2):
         return False
     variance = _variance(problem, best)
-    moved = np.asarray(best.descent.jacobian) @ (np.asarray(other.descent.u) - np.asarray(best.descent.u))
+    moved = best.end.jacobian @ (other.end.u - best.end.u)
     return (other.start.chi2 - best.start.chi2) / variance <= _SAME and float(np.sum(moved**2)) / variance <= 10.0 * _SAME
 
 
-def _jacobian(descent: Descent) -> np.ndarray:
-    """Jacobian of the weighted residuals in physical units (n, p)."""
-    return np.asarray(descent.jacobian) / np.maximum(np.asarray(descent.slope), 1e-300)
+def _physical(jacobian: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Jacobians of the weighted residuals in physical units (..., n, p)."""
+    return jacobian / np.maximum(slope, 1e-300)[..., None, :]
 
 
-def _linearised(problem: Problem, x: np.ndarray) -> Descent:
-    """Residuals and Jacobian at a point in physical units."""
-    share = np.array([p.share(float(v)) for p, v in zip(problem.parameters, x, strict=True)])
-    return descend(problem.model, unbounded(share), np.array(0.0), _MAX_STEPS, np.array(True))
+def _jacobians_at(problem: Problem, points: np.ndarray) -> np.ndarray:
+    """The same at points in physical units (points, p)."""
+    shares = np.array([[p.share(float(v)) for p, v in zip(problem.parameters, x, strict=True)] for x in points])
+    there = descend(problem.model, *_rows(problem, shares), np.array(True), _MAX_STEPS)
+    return _physical(np.asarray(there.jacobian), np.asarray(there.slope))[: len(points)]
 
 
 def _assemble(problem: Problem, runs: Sequence[_Run], seconds: float) -> Fit:
     best = runs[0]
-    descent = best.descent
-    x = np.asarray(descent.x)
+    x = best.start.last
     variance = _variance(problem, best)
-    known = uncertainty(problem.parameters, x, lambda point: _jacobian(_linearised(problem, point)), _jacobian(descent), variance)
-    flat = np.asarray(descent.residual)
+    jacobian = _physical(np.asarray(best.end.jacobian), np.asarray(best.end.slope))
+    known = uncertainty(problem.parameters, x, lambda points: _jacobians_at(problem, points), jacobian, variance)
+    flat = np.asarray(best.end.residual)
     sizes = np.cumsum([d.geometry.size for d in problem.data])[:-1]
     weighted = np.split(flat / math.sqrt(variance), sizes)
     predictions = [d.values + r * np.asarray(sd) for d, r, sd in zip(problem.data, np.split(flat, sizes), problem.model.sd, strict=True)]

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import equinox as eqx
@@ -38,18 +39,19 @@ _PHYSICAL = {
 _LOG_BY_DEFAULT = ("sigma_a", "sigma_s", "sigma_s_prime", "thickness")
 
 
-class FreeParameter(eqx.Module):
+@dataclass(frozen=True)
+class FreeParameter:
     """A free number: its bounds, where to start, and the scale on which starts are spread and steps are taken.
 
     low, high : bounds, never crossed. init : start (default: the scene's value). scale : "log" or "linear".
     """
 
-    name: str = eqx.field(static=True)
-    low: float = eqx.field(static=True)
-    high: float = eqx.field(static=True)
-    init: float = eqx.field(static=True)
-    scale: Scale = eqx.field(static=True)
-    unit: str = eqx.field(static=True)
+    name: str
+    low: float
+    high: float
+    init: float
+    scale: Scale
+    unit: str
 
     @property
     def log(self) -> bool:
@@ -185,7 +187,7 @@ class Coordinates(eqx.Module):
         self.log = np.array([p.log for p in parameters])
         self.low, self.high = np.array([p.ends for p in parameters]).T
 
-    def physical(self, u: Float[Array, "p"]) -> Float[Array, "p"]:
+    def physical(self, u: Float[Array, "*s p"]) -> Float[Array, "*s p"]:
         """Numbers in physical units at u."""
         inner = self.low + (self.high - self.low) * jax.nn.sigmoid(u)
         return jnp.where(self.log, jnp.exp(jnp.where(self.log, inner, 0.0)), inner)

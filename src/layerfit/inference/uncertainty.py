@@ -42,12 +42,12 @@ def natural_scale(parameter: FreeParameter, x: float) -> float:
 
 
 def uncertainty(
-    parameters: Sequence[FreeParameter], x: np.ndarray, jacobian_at: Callable[[np.ndarray], np.ndarray], jacobian: np.ndarray, variance: float
+    parameters: Sequence[FreeParameter], x: np.ndarray, jacobians_at: Callable[[np.ndarray], np.ndarray], jacobian: np.ndarray, variance: float
 ) -> Uncertainty:
     """Uncertainty at the minimum x.
 
-    jacobian : of the weighted residuals at x, in physical units (n, p). jacobian_at : the same at another point. variance : of a residual, 1 where
-    the sd are known.
+    jacobian : of the weighted residuals at x, in physical units (n, p). jacobians_at : the same at other points, (m, p) to (m, n, p).
+    variance : of a residual, 1 where the sd are known.
 
     The covariance is the mean of that of the linearised model over the Gaussian which it describes, by the cubature rule of degree 3: points at
     +-sqrt(p) standard deviations along its p principal axes (Arasaratnam and Haykin, IEEE Trans. Autom. Control 54, 1254 (2009), eq 32). For a
@@ -66,11 +66,12 @@ def uncertainty(
     if free.size:
         scaled = jacobian[:, free] * scale[free]
         inside = [parameters[i] for i in free.tolist()]
-        around = []
-        for step in _cubature(*_spread(scaled, variance)):
-            point = x.copy()
+        points = np.tile(x, (2 * free.size, 1))
+        for point, step in zip(points, _cubature(*_spread(scaled, variance)), strict=True):
             point[free] = [_moved(p, v, s) for p, v, s in zip(inside, x[free].tolist(), step.tolist(), strict=True)]
-            there = jacobian_at(point)[:, free] * [natural_scale(p, v) for p, v in zip(inside, point[free].tolist(), strict=True)]
+        around = []
+        for point, found in zip(points, jacobians_at(points), strict=True):
+            there = found[:, free] * [natural_scale(p, v) for p, v in zip(inside, point[free].tolist(), strict=True)]
             if np.all(np.isfinite(there)):
                 around.append(_linear(*_spread(there, variance)))
         inner = np.mean(around, axis=0) if around else _linear(*_spread(scaled, variance))
