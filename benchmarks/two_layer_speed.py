@@ -29,6 +29,7 @@ STORED = json.loads((Path(__file__).parent.parent / "tests" / "reference" / "han
 RADII = np.geomspace(0.1, 20.0, 64)
 STACK = lf.Layer("top", sigma_a=0.02, sigma_s_prime=1.5, n=1.4, thickness=2.0) | lf.HalfSpace("deep", sigma_a=0.01, sigma_s_prime=1.0, n=1.4)
 NAMES = ("top.sigma_a", "top.sigma_s_prime", "top.thickness", "deep.sigma_a", "deep.sigma_s_prime")
+PASSES = 8
 
 
 def dipoles(r, sigma_a, sigma_s_prime, d, zb0, zb1, pairs):
@@ -100,12 +101,13 @@ def main():
     entering = 1 - (0.4 / 2.4) ** 2
     A = float(mismatch(*diffuse_moments(jnp.asarray(1.4))))
     rows = []
-    slow = median_ms(lambda: plain(A), 5)
+    slow = min(median_ms(lambda: plain(A), 3) for _ in range(4))
     axis, row = plain(A)
     error = np.max(np.abs(np.interp(stored_r[visible], axis, row) / expected[visible] - 1))
     rows.append({"what": "plain NumPy, 1000 pairs, 1024 x 1024 FFT", "ms": slow, "compile_s": 0.0, "largest_error": error})
     print("| what | time [ms] | compile [s] | largest relative error, 0.3 to 15 mm | times faster |\n|---|---|---|---|---|")
     print(f"| {rows[0]['what']} | {slow:.0f} | | {error:.1e} | 1 |")
+    calls = []
     for solver in (lf.Multipole(), lf.LayeredDiffusion()):
         function, x = forward(solver, RADII)
         value, seconds = compiled(function, x)
@@ -115,10 +117,13 @@ def main():
             same = lf.predict(STACK, lf.RadialReflectance(r=stored_r), solver=solver)[0].values / entering
             error = float(np.max(np.abs(same / expected - 1)[visible]))
         for what, call, compile_s in (("R(r)", value, seconds), ("Jacobian, 5 parameters", jacobian, jacobian_seconds)):
-            ms = median_ms(lambda call=call, x=x: call(x).block_until_ready(), 500)
-            rows.append({"what": f"{solver.name}: {what}", "ms": ms, "compile_s": compile_s, "largest_error": error})
-            shown = "see docs/diffusion-errors.md" if error is None else f"{error:.1e}"
-            print(f"| {rows[-1]['what']} | {ms:.3f} | {compile_s:.1f} | {shown} | {slow / ms:.0f} |")
+            calls.append((f"{solver.name}: {what}", lambda call=call, x=x: call(x).block_until_ready(), compile_s, error))
+    # in turn: a shared machine changes its pace by half within seconds; the least of the medians is what the code takes
+    medians = np.array([[median_ms(call, 300) for _, call, _, _ in calls] for _ in range(PASSES)])
+    for (what, _, compile_s, error), ms, most in zip(calls, medians.min(axis=0).tolist(), medians.max(axis=0).tolist(), strict=True):
+        rows.append({"what": what, "ms": ms, "ms_slowest_pass": most, "compile_s": compile_s, "largest_error": error})
+        shown = "see docs/diffusion-errors.md" if error is None else f"{error:.1e}"
+        print(f"| {what} | {ms:.3f} (to {most:.3f}) | {compile_s:.1f} | {shown} | {slow / ms:.0f} |")
     record("two_layer_speed", rows)
 
 

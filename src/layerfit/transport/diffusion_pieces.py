@@ -11,7 +11,7 @@ from jaxtyping import Float
 from .diffusion_layer import exponential_source_layer, half_space_emission, half_space_exponential, half_space_reflection, point_source_layer
 from .response import Beamed, Response, Scalar, compose_all
 
-Scalars = tuple[Float[Array, ""], ...]
+Scalars = tuple[Float[Array, "*copies"], ...]  # one number, or a copy of it for each frequency
 
 
 class Numbers(eqx.Module):

@@ -104,7 +104,7 @@ class LayeredDiffusion(SpectralSolver):
         """Whether part of the source follows the beam."""
         return self.source == "exponential" or (self.source == "mixed" and not all(columns.g_unknown))
 
-    def ratio(self, q: Float[Array, "*s"], A: Float[Array, ""], D: Float[Array, ""]) -> Float[Array, "*s"]:
+    def ratio(self, q: Float[Array, "*s"], A: Float[Array, "*#s"], D: Float[Array, "*#s"]) -> Float[Array, "*s"]:
         """phi/(2 J) at a face, J outward: A for the partial current, A tanh(gamma zb)/(gamma zb) for the extrapolated boundary."""
         if self.boundary == "partial_current":
             return A * jnp.ones_like(q)

@@ -179,16 +179,16 @@ class Dipole(SpectralSolver):
 class _Slab(eqx.Module):
     """The constants of one layer: l = 1/sigma_t', D = l/3, zb = 2 A D of both faces, thickness (None: half space)."""
 
-    sigma_a: Float[Array, ""]
-    sigma_s_prime: Float[Array, ""]
-    l: Float[Array, ""]
-    D: Float[Array, ""]
-    zb0: Float[Array, ""]
-    zb1: Float[Array, ""]
-    d: Float[Array, ""] | None
+    sigma_a: Float[Array, "*copies"]
+    sigma_s_prime: Float[Array, "*copies"]
+    l: Float[Array, "*copies"]
+    D: Float[Array, "*copies"]
+    zb0: Float[Array, "*copies"]
+    zb1: Float[Array, "*copies"]
+    d: Float[Array, "*copies"] | None
 
     @property
-    def alpha(self) -> Float[Array, ""]:
+    def alpha(self) -> Float[Array, "*copies"]:
         """alpha' = sigma_s'/sigma_t'."""
         return self.sigma_s_prime * self.l
 
@@ -220,13 +220,18 @@ def entering_share(columns: Columns) -> Float[Array, ""]:
 
 
 def _point_slab(
-    alpha: Float[Array, ""], l: Float[Array, ""], zb0: Float[Array, ""], zb1: Float[Array, ""], q: Float[Array, "*k"], d: Float[Array, ""]
+    alpha: Float[Array, "*#k"],
+    l: Float[Array, "*#k"],
+    zb0: Float[Array, "*#k"],
+    zb1: Float[Array, "*#k"],
+    q: Float[Array, "*k"],
+    d: Float[Array, "*#k"],
 ) -> tuple[Float[Array, "*k"], Float[Array, "*k"]]:
     """R and T of a slab for light from the side of zb0, as even functions of gamma without growing exponentials."""
     L = d + zb0 + zb1
     whole = L * tanhc(q * L**2)
 
-    def part(x: Float[Array, ""], zb: Float[Array, ""]) -> Float[Array, "*k"]:
+    def part(x: Float[Array, "*copies"], zb: Float[Array, "*copies"]) -> Float[Array, "*s"]:
         # sinh(gamma x) cosh(gamma zb)/sinh(gamma L)
         return x * tanhc(q * x**2) / whole * jnp.exp(log_cosh(q * x**2) + log_cosh(q * zb**2) - log_cosh(q * L**2))
 
@@ -239,7 +244,7 @@ def half_space_dipole(slab: _Slab, q: Float[Array, "*k"]) -> Float[Array, "*k"]:
     return 0.5 * slab.alpha * jnp.exp(-gamma * slab.l) * (1.0 + jnp.exp(-2.0 * gamma * slab.zb0))
 
 
-def _slab_beyond_dipole(slab: _Slab, q: Float[Array, "*k"], d: Float[Array, ""]) -> Float[Array, "*k"]:
+def _slab_beyond_dipole(slab: _Slab, q: Float[Array, "*k"], d: Float[Array, "*#k"]) -> Float[Array, "*k"]:
     """R of a slab less that of the half space, as a product: minus the dipole times
     exp(-2 gamma (d + zb1 - l)) (1 - exp(-2 gamma (zb0 + l)))/(1 - exp(-2 gamma L))."""
     gamma = decay_rate(q)
@@ -254,12 +259,12 @@ def half_space_line(slab: _Slab, q: Float[Array, "*k"]) -> Float[Array, "*k"]:
     return 0.5 * slab.sigma_s_prime / (gamma + 1.0 / slab.l) * (1.0 + jnp.exp(-2.0 * gamma * slab.zb0))
 
 
-def _exponential_slab(slab: _Slab, q: Float[Array, "*k"], d: Float[Array, ""]) -> Response[Scalar]:
+def _exponential_slab(slab: _Slab, q: Float[Array, "*k"], d: Float[Array, "*#k"]) -> Response[Scalar]:
     """A slab with a source along the beam: an exact diffusion layer between two extrapolated boundaries, exitance equal to the flux there."""
     one = jnp.ones_like(q)
     inner = exponential_source_layer(slab.D * one, q, d * one, one / slab.l, slab.sigma_s_prime * one)
 
-    def boundary(zb: Float[Array, ""]) -> Response[Beamed]:
+    def boundary(zb: Float[Array, "*#k"]) -> Response[Beamed]:
         ratio = zb / (2.0 * slab.D) * tanhc(q * zb**2)  # phi/(2 J)
         zero = jnp.zeros_like(q)
         through = Beamed(2.0 / (ratio + 1.0), zero, one)

@@ -90,17 +90,19 @@ def by_frequency(function: Callable[[Numbers, Float[Array, "*k"]], Float[Array, 
     """
     leaves, structure = jax.tree.flatten(numbers)
 
-    def scalar_function(leaves: list[Float[Array, ""]], k: Float[Array, "*k"]) -> Float[Array, "*k"]:
+    def at(leaves: list[Float[Array, "*copies"]], k: Float[Array, "*k"]) -> Float[Array, "*k"]:
         return function(jax.tree.unflatten(structure, leaves), k)
 
     @jax.custom_jvp
     def evaluate(leaves: list[Float[Array, ""]], k: Float[Array, "k"]) -> Float[Array, "k"]:
-        return scalar_function(leaves, k)
+        return at(leaves, k)
 
     @evaluate.defjvp
     def rule(primals, tangents):
         leaves, k = primals
-        value, gradient = jax.vmap(jax.value_and_grad(scalar_function), in_axes=(None, 0))(leaves, k)
+        # one copy of the numbers for each frequency: what comes back for a copy is the slope at that frequency
+        value, pull_back = jax.vjp(lambda copies: at(copies, k), [jnp.broadcast_to(leaf, k.shape) for leaf in leaves])
+        (gradient,) = pull_back(jnp.ones_like(value))
         return value, sum((g * t for g, t in zip(gradient, tangents[0], strict=True)), jnp.zeros_like(value))
 
     return evaluate(leaves, jax.lax.stop_gradient(k))
