@@ -31,8 +31,8 @@ def bssrdf(stack: Stack, r: Any, mu_in: Any, mu_out: Any, *, solver: Solver | No
     profile = predict(stack, RadialReflectance(r), solver=solver)[0].values / entering_share(columns)
     n = columns.n_above / columns.n[0]
 
-    def passing(mu: Any) -> Float[Array, "..."]:
-        cosine = jnp.asarray(mu, dtype=float)
-        return 1.0 - beam_reflectance(cosine, n, columns.roughness[0], smooth=columns.smooth[0])
+    @jnp.vectorize
+    def passing(mu: Float[Array, ""]) -> Float[Array, ""]:
+        return 1.0 - beam_reflectance(mu, n, columns.roughness[0], smooth=columns.smooth[0])
 
-    return passing(mu_in) * profile * passing(mu_out) / jnp.pi
+    return passing(jnp.asarray(mu_in, dtype=float)) * profile * passing(jnp.asarray(mu_out, dtype=float)) / jnp.pi
