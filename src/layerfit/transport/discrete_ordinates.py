@@ -77,14 +77,17 @@ class DiscreteOrdinates(Solver):
         if geometry.side == "below" and stack.half_space:
             raise InputError(f"{geometry.kind}: the stack ends in a half space, nothing comes out below; allowed is a last layer with a thickness")
 
-    def forward(self, domain: Domain, geometries: Sequence[Geometry], shifts: Sequence[tuple[float, float]]) -> Forward:
-        tables = tuple(dict(self.phase).get(layer.name) for layer in domain.stack.layers)
+    def layouts(self, domain: Domain, geometries: Sequence[Geometry], rows: Sequence[int]) -> list[Layout]:
+        """Directions and azimuthal orders for each geometry. rows : which layer of the domain's stack each row of its columns is."""
+        named = dict(self.phase)
+        tables = tuple(named.get(domain.stack.layers[i].name) for i in rows)
         streams = self.streams or _enough(domain, any(isinstance(geometry, Angular) for geometry in geometries))
-        layouts = []
-        for geometry in geometries:
-            layout = lay_out(domain, streams, 1, tables)
-            orders = _orders(geometry, domain, layout.terms, any(table is not None for table in tables))
-            layouts.append(replace(layout, orders=orders))
+        layout = lay_out(domain, streams, 1, tables)
+        tabulated = any(table is not None for table in tables)
+        return [replace(layout, orders=_orders(geometry, domain, layout.terms, tabulated)) for geometry in geometries]
+
+    def forward(self, domain: Domain, geometries: Sequence[Geometry], shifts: Sequence[tuple[float, float]]) -> Forward:
+        layouts = self.layouts(domain, geometries, range(len(domain.stack.layers)))
         fine = tuple(_plan(domain, *pair) for pair in zip(geometries, layouts, strict=True))
         coarse = tuple(_plan(domain, geometry, coarsened(layout)) for geometry, layout in zip(geometries, layouts, strict=True))
         return OrdinatesForward(fine, coarse)

@@ -1,4 +1,4 @@
-"""Light inside the sample: fluence at a depth, power absorbed in each layer, by layered diffusion."""
+"""Light inside the sample: fluence at a depth, power absorbed in each layer. By layered diffusion here; see `ordinate_interior`."""
 
 from dataclasses import replace
 from typing import Any
@@ -10,7 +10,7 @@ from jax import Array
 from jaxtyping import Float
 
 from ..errors import InputError
-from ..measurement.geometry import RadialReflectance
+from ..measurement.geometry import Incidence, RadialReflectance
 from ..optics.hankel import Span, quadrature
 from ..scene.columns import to_columns
 from ..scene.layer import Layer
@@ -18,18 +18,24 @@ from ..scene.stack import Stack
 from ..solver import Domain
 from .diffusion_layer import decay_rate
 from .diffusion_pieces import Numbers, Scalars, first_boundary, first_medium
+from .discrete_ordinates import DiscreteOrdinates
 from .images import Images
 from .layered_diffusion import LayeredDiffusion
+from .ordinate_interior import check_no_distance, ordinate_absorbed, ordinate_fluence
 from .response import Beamed, between, compose, compose_all, excess_reflection, reflection
 
 
-def fluence(stack: Stack, depth: Any, *, r: Any = None, solver: LayeredDiffusion | None = None) -> Float[Array, "depths"] | Float[Array, "depths r"]:
-    """Fluence of diffuse light per unit incident power, pencil beam at normal incidence.
+def fluence(
+    stack: Stack, depth: Any, *, r: Any = None, incidence: Incidence = "normal", solver: LayeredDiffusion | DiscreteOrdinates | None = None
+) -> Float[Array, "depths"] | Float[Array, "depths r"]:
+    """Fluence per unit incident power.
 
-    depth : [mm], 0 or more, inside the sample. r : distances from the beam [mm], above 0; the fluence is then in [1/mm^2]. Without r it is
-    integrated over each plane [1], which is also the fluence under wide, even light of irradiance 1.
+    depth : [mm], 0 or more, inside the sample. r : distances from a pencil beam [mm], above 0; the fluence is then in [1/mm^2]. Without r it is
+    integrated over each plane [1], which is also the fluence under wide, even light of irradiance 1. incidence : "normal", an angle in the medium
+    above [degrees] or "diffuse". solver : by default LayeredDiffusion, which gives that of the diffuse light, at normal incidence;
+    DiscreteOrdinates gives that of all light, the unscattered beam included, without r.
 
-    Raises InputError for a depth outside the sample.
+    Raises InputError for a depth outside the sample, and for what the solver cannot do.
 
     >>> import layerfit as lf
     >>> lf.fluence(lf.Stack([lf.HalfSpace("skin", sigma_a=0.01, sigma_s_prime=1, n=1.4)]), [0, 5]).round(3)
@@ -40,6 +46,10 @@ def fluence(stack: Stack, depth: Any, *, r: Any = None, solver: LayeredDiffusion
     bottom = sum(float(layer.thickness) for layer in stack.layers if isinstance(layer, Layer))
     if not np.all(np.isfinite(depths)) or depths.min() < 0 or (not stack.half_space and depths.max() > bottom):
         raise InputError(f"fluence: depth = {depths.tolist()}; allowed is 0 to {'any depth' if stack.half_space else f'{bottom:g}'} mm")
+    if isinstance(solver, DiscreteOrdinates):
+        check_no_distance(r)
+        return ordinate_fluence(solver, stack, _locate(stack, depths), incidence)
+    _check_normal(incidence)
     columns = to_columns(stack)
     numbers = solver.numbers(columns)
     index = columns.n**2
@@ -64,11 +74,12 @@ def fluence(stack: Stack, depth: Any, *, r: Any = None, solver: LayeredDiffusion
     return jnp.stack(profiles)
 
 
-def absorbed(stack: Stack, *, solver: LayeredDiffusion | None = None) -> dict[str, float]:
+def absorbed(stack: Stack, *, incidence: Incidence = "normal", solver: LayeredDiffusion | DiscreteOrdinates | None = None) -> dict[str, float]:
     """Power absorbed in each layer per unit incident power, by layer name: sigma_a times the fluence, and what of the beam is absorbed unscattered.
 
     Computed without integrals: what the layer's sources emit and does not leave it. With R and T, specular included, all of it makes 1 where
-    energy is conserved, which is with boundary="partial_current" (with the others the exitance differs from the flux by some percent).
+    energy is conserved: by DiscreteOrdinates, and by LayeredDiffusion (the default) with boundary="partial_current" - with its other boundaries the
+    exitance differs from the flux by some percent. incidence : as in `fluence`.
 
     >>> import layerfit as lf
     >>> skin = lf.Layer("top", sigma_a=0.3, sigma_s_prime=5, n=1.4, thickness=0.5) | lf.HalfSpace("deep", sigma_a=0.02, sigma_s_prime=2, n=1.4)
@@ -76,6 +87,9 @@ def absorbed(stack: Stack, *, solver: LayeredDiffusion | None = None) -> dict[st
     {'top': 0.4575, 'deep': 0.1285}
     """
     solver = LayeredDiffusion() if solver is None else solver
+    if isinstance(solver, DiscreteOrdinates):
+        return ordinate_absorbed(solver, stack, incidence)
+    _check_normal(incidence)
     columns = to_columns(stack)
     numbers = solver.numbers(columns)
     unscattered = columns.sigma_a / columns.sigma_t_prime
@@ -91,6 +105,11 @@ def absorbed(stack: Stack, *, solver: LayeredDiffusion | None = None) -> dict[st
         net = down.source - up.source - down_out.source + up_in.source
         powers[layer.name] = float(net + points + beam * (numbers.fed[i] / numbers.extinction[i] + unscattered[i]))
     return powers
+
+
+def _check_normal(incidence: Incidence) -> None:
+    if incidence not in ("normal", 0, 0.0):
+        raise InputError(f'incidence = {incidence!r} with solver layered-diffusion; allowed is "normal" (solver discrete-ordinates takes others)')
 
 
 def _nearest(stack: Stack, numbers: Numbers, depth: float) -> float:

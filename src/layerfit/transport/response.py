@@ -138,9 +138,14 @@ def between(upper: Response[Op], lower: Op) -> Op:
     return upper.R_below.bounce(lower) @ upper.T_down
 
 
+def over(piece: Response[Op], below: Op) -> Op:
+    """R_above of a piece over something that reflects by ``below``."""
+    return piece.R_above + piece.T_up @ below @ between(piece, below)
+
+
 def reflection(pieces: Sequence[Response[Op]]) -> Op:
     """R_above of pieces from top to bottom, without the other three operators."""
-    return reduce(lambda below, piece: piece.R_above + piece.T_up @ below @ between(piece, below), reversed(pieces[:-1]), pieces[-1].R_above)
+    return reduce(lambda below, piece: over(piece, below), reversed(pieces[:-1]), pieces[-1].R_above)
 
 
 def excess_reflection(upper: Response[Op], lower: Op, reference: Op) -> Op:
