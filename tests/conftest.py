@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 
 os.environ.setdefault("MPLBACKEND", "svg")
+# most of a test's time is compilation: the quick code generator does, and XLA_FLAGS= in the environment brings back the one that users have
+os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0")
 
 from click.testing import CliRunner
 from jaxtyping import install_import_hook
