@@ -1,6 +1,6 @@
 """The error of every diffusion solver and variant against Monte Carlo, case by case; writes docs/diffusion-errors.md.
 
-    python benchmarks/diffusion_errors.py             # all variants, half an hour
+    python benchmarks/diffusion_errors.py             # all variants, a quarter of an hour
     python benchmarks/diffusion_errors.py default     # those whose name holds the word
 
 Signed relative errors of R(r): median over the rings of a band of r (in transport mean free paths of the first layer) whose own standard
@@ -8,9 +8,14 @@ error is below 5 %. Totals without the first-surface reflection. "median" is ove
 claims to hold: layers of 2 mfp' or more, sigma_s'/sigma_a of 10 or more.
 """
 
+import os
 import sys
 from pathlib import Path
 
+# nearly all the time is compilation, for each case and variant anew
+os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0")
+
+import jax
 import numpy as np
 
 import layerfit as lf
@@ -76,7 +81,11 @@ def percent(values):
 
 def main():
     wanted = {name: solver for name, solver in VARIANTS.items() if all(word in name for word in sys.argv[1:])}
-    rows = {name: {case.name: errors(solver, case) for case in cases()} for name, solver in wanted.items()}
+    rows = {}
+    for i, (name, solver) in enumerate(wanted.items(), 1):
+        rows[name] = {case.name: errors(solver, case) for case in cases()}
+        jax.clear_caches()  # compiled programs hold memory maps, of which a process may have 65,000
+        print(f"{i} of {len(wanted)}: {name}", file=sys.stderr, flush=True)
     lines = ["# Errors of the diffusion solvers", "", *(__doc__.split("\n\n")[0].split("; ")[0] + ".",), ""]
     lines += ["Made by `python benchmarks/diffusion_errors.py`. " + " ".join(__doc__.split("\n\n")[2].split()), ""]
     lines += [
