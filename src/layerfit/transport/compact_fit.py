@@ -43,7 +43,8 @@ def compact_form(
     stack : numbers that are not free keep its values.
     free : ``{"layer.number": (min, max)}``, or with a table ``{"min":, "max":, "scale": "log" | "linear"}``, names as in `Problem`.
     orders : cosine orders kept.
-    angles : coefficients of the splines for each cosine, at most the ordinates of one hemisphere outside.
+    angles : coefficients of the splines for each cosine, at least 4; two more for each critical angle seen from outside. Not more than ordinates
+        there.
     points : of the grid for each free number, or by name: cubic splines between 4 or more, linear between 2.
     solver : sets streams (64 left out) and tabulated phase functions of the matrices that are fitted.
 
@@ -67,15 +68,32 @@ def compact_form(
     rough = tuple(np.any([[not s for s in to_columns(corner).smooth] for corner in corners], axis=0).tolist())
     domain = _domain(stack, corners, rough)
     shape = plan(domain, solver, orders)
-    ordinates = min(shape.above, shape.below or shape.above)
-    if isinstance(angles, bool) or not isinstance(angles, int) or not 4 <= angles <= ordinates:
-        raise InputError(
-            f"angles = {angles!r}; allowed with {ordinates} ordinates outside: a whole number from 4 to {ordinates}; more need more streams"
-        )
-    form = _fit(stack, grid, domain, shape, rough, Angles.over(angles))
+    if isinstance(angles, bool) or not isinstance(angles, int) or angles < 4:
+        raise InputError(f"angles = {angles!r}; allowed is a whole number, 4 or more")
+    splines = (_angles(domain, shape, 0, angles), _angles(domain, shape, 0 if domain.low.half_space else -1, angles))
+    form = _fit(stack, grid, domain, shape, rough, splines)
     streams = 2 * sum(shape.layout.counts)
     other = DiscreteOrdinates(streams=streams + 2 * max(2, streams // 16), phase=dict(solver.phase))
     return replace(form, errors=_errors(form, domain, other))
+
+
+def _angles(domain: Domain, shape: Shape, outside: int, count: int) -> Angles:
+    """Splines over the cosine in the medium above (0) or below (-1): broken where known indices make light reflect totally within the stack."""
+    n_low, n_high, layout = np.asarray(media(domain.low)), np.asarray(media(domain.high)), shape.layout
+    edges = [(n_low[layout.groups.index(i)], n_high[layout.groups.index(i)]) for i in range(len(layout.counts))]
+    ends, ordinates = [0.0, 1.0], [0]
+    for (low, high), number in zip(sorted(edges), layout.counts, strict=True):
+        if low > n_low[outside]:
+            break
+        ordinates[0] += number  # from mu 1 downwards: the inner panels come last
+        if low == high < n_low[outside] == n_high[outside]:
+            ends.insert(1, float(np.sqrt(1.0 - (low / n_low[outside]) ** 2)))
+            ordinates.insert(0, 0)
+    intervals = np.maximum(1, np.round((count - 3) * np.array(ordinates) / sum(ordinates)).astype(int))
+    needed = intervals.sum() + 3 + 2 * (len(intervals) - 1)
+    if needed > sum(ordinates):
+        raise InputError(f"angles = {count}: {needed} coefficients for {sum(ordinates)} ordinates outside; allowed are fewer angles, or more streams")
+    return Angles.over(np.array(ends), intervals)
 
 
 def _stack(stack: Stack, grid: tuple[Axis, ...], shares: tuple[float, ...]) -> Stack:
@@ -109,7 +127,7 @@ class _Matrices:
         return assemble(self.shape, columns, *(self.optics or optics(self.shape, columns)))
 
 
-def _fit(stack: Stack, grid: tuple[Axis, ...], domain: Domain, shape: Shape, rough: tuple[bool, ...], angles: Angles) -> CompactForm:
+def _fit(stack: Stack, grid: tuple[Axis, ...], domain: Domain, shape: Shape, rough: tuple[bool, ...], angles: tuple[Angles, Angles]) -> CompactForm:
     """Least squares in both cosines at each point of the grid, then interpolation along its axes."""
     grazing = _grazing(domain.low, domain.high)
     matrices = _Matrices(domain, shape, rough)
@@ -133,10 +151,10 @@ def _grazing(low: Columns, high: Columns) -> tuple[bool, bool, bool]:
     return bool(above), bool(below), bool(above and below)
 
 
-def _coefficients(m: ReciprocalMatrices, angles: Angles, grazing: tuple[bool, bool, bool]) -> tuple[np.ndarray, ...]:
+def _coefficients(m: ReciprocalMatrices, angles: tuple[Angles, Angles], grazing: tuple[bool, bool, bool]) -> tuple[np.ndarray, ...]:
     """Of R_above, R_below, T_down/n_below^2, and of the hemispherical totals of rough first faces."""
     mu, weight = (np.asarray(m.mu_above), np.asarray(m.mu_below)), (np.asarray(m.weight_above), np.asarray(m.weight_below))
-    inverse = [np.stack([np.linalg.pinv(b) for b in np.asarray(angles.rows(jnp.asarray(c), m.orders))]) for c in mu]
+    inverse = [np.stack([np.linalg.pinv(b) for b in np.asarray(a.rows(jnp.asarray(c), m.orders))]) for a, c in zip(angles, mu, strict=True)]
     kernels = []
     for kernel, out, into, flat in (
         (m.R_above, 0, 0, grazing[0]),
@@ -147,8 +165,8 @@ def _coefficients(m: ReciprocalMatrices, angles: Angles, grazing: tuple[bool, bo
         C = inverse[out] @ value @ np.swapaxes(inverse[into], 1, 2)
         kernels.append(0.5 * (C + np.swapaxes(C, 1, 2)) if out == into else C)
     surfaces = [
-        np.linalg.pinv(np.asarray(basis(c, angles.knots, 3))) @ (2.0 * np.pi * (w * c) @ np.asarray(first)[0])
-        for c, w, first in zip(mu, weight, (m.surface_above, m.surface_below), strict=True)
+        np.linalg.pinv(np.asarray(basis(c, a.knots, 3))) @ (2.0 * np.pi * (w * c) @ np.asarray(first)[0])
+        for a, c, w, first in zip(angles, mu, weight, (m.surface_above, m.surface_below), strict=True)
     ]
     return (*kernels, *surfaces)
 

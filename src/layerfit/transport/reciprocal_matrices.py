@@ -156,7 +156,8 @@ def reciprocal_matrices(
         raise InputError("reciprocal_matrices: like has other layers or numbers than the stack; allowed is the same stack with other values")
     solver.check(known, TotalReflectance())
     columns = to_columns(stack, rough_faces=_rough(known, stack))
-    shape = plan(_domain(stack, known), solver, orders)
+    with jax.ensure_compile_time_eval():
+        shape = plan(_domain(stack, known), solver, orders)
     return assemble(shape, columns, *optics(shape, columns))
 
 
