@@ -31,7 +31,7 @@ def timed(call) -> tuple[object, float]:
 
 
 def carried(kernel, mu: np.ndarray, to: np.ndarray) -> np.ndarray:
-    """Kernels at other cosines, both within one panel, by the polynomial through all."""
+    """Kernels at other cosines, both within one panel, by the polynomial through all; odd orders over their sines, which are no polynomial."""
 
     def rows() -> np.ndarray:
         matrix = np.ones((len(to), len(mu)))
@@ -42,7 +42,10 @@ def carried(kernel, mu: np.ndarray, to: np.ndarray) -> np.ndarray:
         return matrix
 
     between = rows()
-    return between @ np.asarray(kernel) @ between.T
+    odd = (np.arange(len(kernel)) % 2)[:, None]
+    sine, there = (np.where(odd, np.sqrt(1.0 - c**2), 1.0) for c in (mu, to))
+    smooth = np.asarray(kernel) / (sine[:, :, None] * sine[:, None, :])
+    return between @ smooth @ between.T * there[:, :, None] * there[:, None, :]
 
 
 def matrices(sample: lf.Stack, streams: int) -> tuple[ReciprocalMatrices, dict[str, float]]:
