@@ -29,6 +29,8 @@ from .scene.layer import Layer as Layer
 from .scene.stack import Stack as Stack
 from .transport.auto import Auto as Auto
 from .transport.bssrdf import bssrdf as bssrdf
+from .transport.compact import CompactForm as CompactForm
+from .transport.compact_fit import compact_form as compact_form
 from .transport.discrete_ordinates import DiscreteOrdinates as DiscreteOrdinates
 from .transport.image_sum import image_sum as image_sum
 from .transport.interior import absorbed as absorbed
@@ -36,5 +38,7 @@ from .transport.interior import fluence as fluence
 from .transport.layered_diffusion import LayeredDiffusion as LayeredDiffusion
 from .transport.multipole import Dipole as Dipole
 from .transport.multipole import Multipole as Multipole
+from .transport.reciprocal_matrices import ReciprocalMatrices as ReciprocalMatrices
+from .transport.reciprocal_matrices import reciprocal_matrices as reciprocal_matrices
 from .validation import Validation as Validation
 from .validation import validate as validate

@@ -79,9 +79,8 @@ class DiscreteOrdinates(Solver):
 
     def layouts(self, domain: Domain, geometries: Sequence[Geometry], rows: Sequence[int]) -> list[Layout]:
         """Directions and azimuthal orders for each geometry. rows : which layer of the domain's stack each row of its columns is."""
-        named = dict(self.phase)
-        tables = tuple(named.get(domain.stack.layers[i].name) for i in rows)
-        streams = self.streams or _enough(domain, any(isinstance(geometry, Angular) for geometry in geometries))
+        tables = tuple(tables_of(self, domain.stack)[i] for i in rows)
+        streams = self.streams or enough_streams(domain, any(isinstance(geometry, Angular) for geometry in geometries))
         layout = lay_out(domain, streams, 1, tables)
         tabulated = any(table is not None for table in tables)
         return [replace(layout, orders=_orders(geometry, domain, layout.terms, tabulated)) for geometry in geometries]
@@ -93,7 +92,12 @@ class DiscreteOrdinates(Solver):
         return OrdinatesForward(fine, coarse)
 
 
-def _enough(domain: Domain, angular: bool) -> int:
+def tables_of(solver: DiscreteOrdinates, stack: Stack) -> tuple[tuple[float, ...] | None, ...]:
+    """The tabulated phase function of each layer, None where it has none."""
+    return tuple(dict(solver.phase).get(layer.name) for layer in stack.layers)
+
+
+def enough_streams(domain: Domain, angular: bool) -> int:
     """Streams for an error of 2e-6 in totals, 1e-5 for g above 0.8 (rough faces: about 1e-4). More where directions fall into panels."""
     g = float(np.max(np.abs(np.asarray(domain.high.g))))
     panels = len(np.unique(np.concatenate([media(domain.low), media(domain.high)]))) > 1
@@ -164,15 +168,20 @@ _DECAY = 1e-8  # what an azimuthal order of light scattered twice may fall to be
 def _orders(geometry: Geometry, domain: Domain, terms: int, tabulated: bool) -> int:
     """Azimuthal orders: one for what is averaged over azimuth or symmetric about the normal; else as long as they matter.
 
-    Light scattered twice has them in proportion to g^(2 m) at most; once-scattered light is corrected in closed form. Rough faces and tabulated phase
-    functions need all that the rule can tell apart.
+    Light scattered twice has them in proportion to g^(2 m) at most; once-scattered light is corrected in closed form.
     """
     if not isinstance(geometry, Angular) or geometry.azimuth is None or geometry.incidence in ("normal", "diffuse", 0.0):
         return 1
+    return enough_orders(domain, terms, tabulated, scatterings=2)
+
+
+def enough_orders(domain: Domain, terms: int, tabulated: bool, scatterings: int) -> int:
+    """Azimuthal orders that matter to light scattered so often: they fall as g^(m scatterings). Rough faces and tabulated phase functions need all
+    that the rule can tell apart."""
     g = max(float(np.max(np.abs(np.asarray(c.g)))) for c in (domain.low, domain.high))
     if tabulated or not all(domain.low.smooth):
         return terms
-    return min(terms, 1 if g == 0.0 else int(np.ceil(0.5 * np.log(_DECAY) / np.log(g))) + 2)
+    return min(terms, 1 if g == 0.0 else int(np.ceil(np.log(_DECAY) / np.log(g) / scatterings)) + 2)
 
 
 @eqx.filter_jit

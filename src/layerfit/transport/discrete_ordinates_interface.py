@@ -21,10 +21,22 @@ def smooth_interface(
 
     mu : cosines on the two sides. real : whether a side has the direction; where only one has it, reflection is total.
     """
+    return _diagonal(*fresnel_shares(n_above, n_below, mu_above, mu_below, real_above, real_below))
+
+
+def fresnel_shares(
+    n_above: Float[Array, ""],
+    n_below: Float[Array, ""],
+    mu_above: Float[Array, "c"],
+    mu_below: Float[Array, "c"],
+    real_above: Bool[Array, "c"],
+    real_below: Bool[Array, "c"],
+) -> tuple[Float[Array, "c"], Float[Array, "c"], Float[Array, "c"]]:
+    """Reflected from above, from below, and transmitted share of each channel; arguments as for `smooth_interface`."""
     both = real_above & real_below
     one = jnp.ones_like(mu_above)
     back = matched_reflectance(jnp.where(both, mu_above, one), jnp.where(both, mu_below, one), n_above / n_below)
-    return _diagonal(
+    return (
         jnp.where(both, back, jnp.where(real_above, 1.0, 0.0)),
         jnp.where(both, back, jnp.where(real_below, 1.0, 0.0)),
         jnp.where(both, 1.0 - back, 0.0),

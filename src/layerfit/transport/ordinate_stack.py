@@ -18,7 +18,7 @@ from .discrete_ordinates_interface import smooth_interface
 from .discrete_ordinates_layer import Directions, deep_layer, layer, problem, scattering
 from .matrix import Matrix
 from .response import Response
-from .rough_interface import Side, rough_interface
+from .rough_interface import Side, rough_interfaces
 
 _DEPTH_OF_NOTHING = 1e-14  # optical thickness given to a layer that neither absorbs nor scatters, so that its albedo is a number
 
@@ -180,13 +180,16 @@ def pieces(layout: Layout, columns: Columns, numbers: Medium, grid: Grid, faces:
 
 def make_faces(columns: Columns, grid: Grid, layout: Layout, beams: int) -> tuple[Response[Matrix], ...]:
     """All interfaces, top first, with the azimuthal orders as leading axis."""
-    faces, n = [], grid.rule.n
+    n = grid.rule.n
+    sides = [Side(n[j], grid.mu[j], grid.real[j], grid.root[j]) for j in range(n.shape[0])]
+    pairs = [(sides[i], sides[i + 1], columns.roughness[i]) for i in range(n.shape[0] - 1) if not columns.smooth[i]]
+    rough = iter(rough_interfaces(pairs, grid.rule.edges, layout.counts, layout.orders, beams))
+    faces = []
     for i in range(n.shape[0] - 1):
         if columns.smooth[i]:
             mu, real = ([channels(grid, beams, values[j]) for j in (i, i + 1)] for values in (grid.mu, grid.real))
             face = smooth_interface(n[i], n[i + 1], mu[0], mu[1], real[0], real[1])
             faces.append(jax.tree.map(lambda x: jnp.broadcast_to(x, (layout.orders, *x.shape)), face))
         else:
-            sides = [Side(n[j], grid.mu[j], grid.real[j], grid.root[j]) for j in (i, i + 1)]
-            faces.append(rough_interface(sides[0], sides[1], columns.roughness[i], grid.rule.edges, layout.counts, layout.orders, beams))
+            faces.append(next(rough))
     return tuple(faces)

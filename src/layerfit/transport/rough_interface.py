@@ -9,9 +9,10 @@ what each direction loses (C. Kulla, A. Conty, SIGGRAPH course 2017), on both si
 caught light divides between the two sides is a model.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -42,14 +43,22 @@ class _Scattered(NamedTuple):
     caught: Float[Array, "c"]
 
 
-def rough_interface(
-    above: Side, below: Side, roughness: Float[Array, ""], edges: Float[Array, "panels"], counts: tuple[int, ...], orders: int, beams: int
-) -> Response[Matrix]:
-    """The response of a rough interface, azimuthal orders leading. edges : upper ends of the panels in p; counts : ordinates in each."""
+def rough_interfaces(
+    faces: Sequence[tuple[Side, Side, Float[Array, ""]]], edges: Float[Array, "panels"], counts: tuple[int, ...], orders: int, beams: int
+) -> list[Response[Matrix]]:
+    """Responses of rough interfaces (side above, side below, roughness), azimuthal orders leading.
+
+    edges : upper ends of the panels in p; counts : ordinates in each.
+    """
+    runs = [(a, b, roughness) for above, below, roughness in faces for a, b in ((above, below), (below, above))]
+    light = _scatter(runs, edges, counts, orders) if runs else []
+    return [_rough_interface(*face, light[2 * i : 2 * i + 2], orders, beams) for i, face in enumerate(faces)]
+
+
+def _rough_interface(above: Side, below: Side, roughness: Float[Array, ""], runs: list[_Scattered], orders: int, beams: int) -> Response[Matrix]:
     n = above.root.shape[0]
     end = above.mu.shape[0] - beams
     views, sources = slice(n, end), slice(end, None)
-    runs = [_scatter(a, b, roughness, edges, counts, orders) for a, b in ((above, below), (below, above))]
     weight = [jnp.concatenate([side.root, jnp.ones(side.mu.shape[0] - n)]) for side in (above, below)]  # W^1/2 of every channel
     inverse = [jnp.where(side.root > 0.0, 1.0 / jnp.where(side.root > 0.0, side.root, 1.0), 0.0) for side in (above, below)]
     # [to side][from side]: ordinate x channel
@@ -107,21 +116,30 @@ def _closed(K: Any, caught: list[Array], weight: list[Array], real: list[Array],
 
 
 def _scatter(
-    side: Side, beyond: Side, roughness: Float[Array, ""], edges: Float[Array, "panels"], counts: tuple[int, ...], orders: int
-) -> _Scattered:
-    met = facets(side.mu, side.n / beyond.n, roughness)
-    reflected, refracted = paths(met, side.mu, side.n / beyond.n, roughness)
-    lit = side.real.astype(float)
-    back = _deposit(reflected, side.n, edges, counts, orders) * lit[:, None]
-    through = _deposit(refracted, beyond.n, edges, counts, orders) * lit[:, None]
-    caught = jnp.sum(reflected.caught + refracted.caught, axis=(-2, -1)) * lit
-    return _Scattered(back, through, caught)
+    runs: list[tuple[Side, Side, Float[Array, ""]]], edges: Float[Array, "panels"], counts: tuple[int, ...], orders: int
+) -> list[_Scattered]:
+    """What each side of each face scatters (side of the light, side beyond, roughness).
+
+    Direction by direction: the paths of one fit into a processor's cache, and one program serves all of them.
+    """
+
+    def one(given: tuple[Array, ...]) -> _Scattered:
+        mu, real, n, beyond, roughness = given
+        reflected, refracted = paths(facets(mu, n / beyond, roughness), mu, n / beyond, roughness)
+        lit = real.astype(float)
+        caught = jnp.sum(reflected.caught + refracted.caught) * lit
+        return _Scattered(_deposit(reflected, n, edges, counts, orders) * lit, _deposit(refracted, beyond, edges, counts, orders) * lit, caught)
+
+    size = runs[0][0].mu.shape[0]
+    single = [jnp.repeat(jnp.stack(v), size) for v in zip(*((a.n, b.n, roughness) for a, b, roughness in runs), strict=True)]
+    light = jax.lax.map(one, (jnp.concatenate([a.mu for a, _, _ in runs]), jnp.concatenate([a.real for a, _, _ in runs]), *single))
+    split = [jax.tree.map(lambda x, i=i: x[i * size : (i + 1) * size], light) for i in range(len(runs))]
+    return [_Scattered(jnp.moveaxis(s.back, 1, 0), jnp.moveaxis(s.through, 1, 0), s.caught) for s in split]
 
 
-def _deposit(light: Paths, n: Float[Array, ""], edges: Float[Array, "panels"], counts: tuple[int, ...], orders: int) -> Float[Array, "m c n"]:
+def _deposit(light: Paths, n: Float[Array, ""], edges: Float[Array, "panels"], counts: tuple[int, ...], orders: int) -> Float[Array, "m n"]:
     """Power into each ordinate, times cos(m azimuth)."""
-    shape = (light.share.shape[0], -1)
-    share, cosine, azimuth = (v.reshape(shape) for v in (light.share, light.cosine, light.azimuth))
+    share, cosine, azimuth = (v.ravel() for v in (light.share, light.cosine, light.azimuth))
     p2 = n**2 * (1.0 - cosine**2)
     modes = _chebyshev(azimuth, orders) * share
     result = []
@@ -131,18 +149,19 @@ def _deposit(light: Paths, n: Float[Array, ""], edges: Float[Array, "panels"], c
         inside = (p2 >= low**2) & (p2 < high**2) if k + 1 < len(counts) else p2 >= low**2
         x = jnp.sqrt(jnp.clip((high**2 - p2) / ((high - low) * (high + low)), 1e-30, 1.0))
         basis, to_nodes = _legendre(x, count)
-        moments = jnp.einsum("mcq,kcq->mck", modes * inside, basis)
-        result.append(moments @ to_nodes)
+        result.append((modes @ (basis * inside).T) @ to_nodes)
         low = high
     return jnp.concatenate(result, axis=-1)
 
 
 def _chebyshev(c: Float[Array, "*s"], orders: int) -> Float[Array, "m *s"]:
     """cos(m phi) from cos(phi)."""
-    rows = [jnp.ones_like(c), c]
-    while len(rows) < orders:
-        rows.append(2.0 * c * rows[-1] - rows[-2])
-    return jnp.stack(rows[:orders])
+
+    def step(last, _):
+        before, now = last
+        return (now, 2.0 * c * now - before), before
+
+    return jax.lax.scan(step, (jnp.ones_like(c), c), length=orders)[1]
 
 
 def _legendre(x: Float[Array, "*s"], count: int) -> tuple[Float[Array, "k *s"], np.ndarray]:
@@ -151,10 +170,12 @@ def _legendre(x: Float[Array, "*s"], count: int) -> tuple[Float[Array, "k *s"], 
     k = np.arange(count)
     to_nodes = 0.5 * (2 * k[:, None] + 1) * np.polynomial.legendre.legvander(node, count - 1).T * weight
     t = 2.0 * x - 1.0
-    rows = [jnp.ones_like(t), t]
-    for l in range(2, count):
-        rows.append(((2 * l - 1) * t * rows[-1] - (l - 1) * rows[-2]) / l)
-    return jnp.stack(rows[:count]), to_nodes
+
+    def step(last, l):
+        before, now = last
+        return (now, ((2.0 * l + 1.0) * t * now - l * before) / (l + 1.0)), before
+
+    return jax.lax.scan(step, (jnp.ones_like(t), t), jnp.arange(1.0, count + 1.0))[1], to_nodes
 
 
 def _fourier(

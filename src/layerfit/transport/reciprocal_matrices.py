@@ -1,0 +1,264 @@
+"""The reflection and transmission matrices of a whole stack in discrete ordinates, by azimuthal order, as a user reads them."""
+
+from typing import Any, Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.core import Tracer
+from jaxtyping import Float
+
+from ..errors import InputError, one_of
+from ..measurement.geometry import TotalReflectance
+from ..scene.columns import Columns, to_columns
+from ..scene.stack import Stack
+from ..solver import Domain
+from .discrete_ordinates import DiscreteOrdinates, enough_orders, enough_streams, tables_of
+from .matrix import Matrix
+from .ordinate_stack import Grid, Layout, lay_out, make_faces, make_grid, media, medium, pieces
+from .regular import regular
+from .response import Response, compose_all, reflection
+
+Face = Literal["above", "below"]
+_SIDES = ("above", "below")
+_MOVES = 1e-9  # relative width of the domain given to a refractive index that is traced
+
+
+class ReciprocalMatrices(eqx.Module):
+    """Light that a stack reflects and transmits, between ordinates outside of it. Made by `reciprocal_matrices`.
+
+    Axes: orders (k), above (a: ordinates in the medium above), below (b: in the medium below; none under a half space). A matrix holds the cosine
+    coefficients [1/sr] of a BRDF or BTDF f = sum over k of f_k cos(k phi), phi the azimuth between the two ways of travel, at [k, out, in]. Light
+    that leaves as a beam (unscattered, through smooth faces alone) is not in them but in the ``regular`` shares, which smooth faces alone have.
+
+    Reciprocity: R_above, R_below and the surfaces are symmetric; T_down/n_below^2 is the transpose of T_up/n_above^2.
+
+    mu_above, mu_below : cosines outside. weight_above, weight_below : weights w of d mu; the sum of w mu is 1/2.
+    R_above, R_below : subsurface reflection, of light that has passed the first face. surface_above, surface_below : what the first face alone
+        scatters back (0 where it is smooth). T_down, T_up : transmission.
+    regular_surface_above, regular_surface_below : share of a beam at each ordinate that the first face mirrors; regular_above, regular_below : that
+        comes back as a beam from deeper faces; regular_down, regular_up : that passes as a beam. delta-M counts light scattered into the forward
+        peak that the rule cannot resolve as not scattered.
+    """
+
+    mu_above: Float[Array, "a"]
+    mu_below: Float[Array, "b"]
+    weight_above: Float[Array, "a"]
+    weight_below: Float[Array, "b"]
+    n_above: Float[Array, ""]
+    n_below: Float[Array, ""]
+    R_above: Float[Array, "k a a"]
+    R_below: Float[Array, "k b b"]
+    T_down: Float[Array, "k b a"]
+    T_up: Float[Array, "k a b"]
+    surface_above: Float[Array, "k a a"]
+    surface_below: Float[Array, "k b b"]
+    regular_surface_above: Float[Array, "a"]
+    regular_surface_below: Float[Array, "b"]
+    regular_above: Float[Array, "a"]
+    regular_below: Float[Array, "b"]
+    regular_down: Float[Array, "a"]
+    regular_up: Float[Array, "b"]
+
+    @property
+    def orders(self) -> int:
+        """Azimuthal orders."""
+        return self.R_above.shape[0]
+
+    @property
+    def r_tot(self) -> Float[Array, "k a a"]:
+        """Surface and subsurface reflection from above, without beams [1/sr]."""
+        return self.surface_above + self.R_above
+
+    def brdf(self, azimuth: Any, *, side: Face = "above", surface: bool = False) -> Float[Array, "..."]:
+        """Reflected radiance per irradiance [1/sr] at all pairs of ordinates (out, in).
+
+        azimuth : [rad], of any shape, which leads in the result; 0 on the side of the mirror reflection.
+        surface : whether what the first face scatters is counted.
+        """
+        one_of(side, _SIDES, "side")
+        R, first = (self.R_above, self.surface_above) if side == "above" else (self.R_below, self.surface_below)
+        return _series(R + first if surface else R, azimuth)
+
+    def btdf(self, azimuth: Any, *, side: Face = "above") -> Float[Array, "..."]:
+        """Transmitted radiance, in the medium where it leaves, per irradiance on ``side`` [1/sr], at all pairs of ordinates (out, in)."""
+        one_of(side, _SIDES, "side")
+        return _series(self.T_down if side == "above" else self.T_up, azimuth)
+
+    def reflectance(self, *, side: Face = "above", surface: bool = True) -> Float[Array, "i"]:
+        """Share of a beam at each ordinate that is reflected in all directions, beams included; without what the first face reflects on request."""
+        one_of(side, _SIDES, "side")
+        first, mirrored, beam = (
+            (self.surface_above, self.regular_surface_above, self.regular_above)
+            if side == "above"
+            else (self.surface_below, self.regular_surface_below, self.regular_below)
+        )
+        R = self.R_above if side == "above" else self.R_below
+        return self._hemispherical(R + first, side) + mirrored + beam if surface else self._hemispherical(R, side) + beam
+
+    def transmittance(self, *, side: Face = "above") -> Float[Array, "i"]:
+        """Share of a beam at each ordinate of ``side`` that is transmitted in all directions, beams included."""
+        one_of(side, _SIDES, "side")
+        if side == "above":
+            return self._hemispherical(self.T_down, "below") + self.regular_down
+        return self._hemispherical(self.T_up, "above") + self.regular_up
+
+    def diffuse(self, shares: Float[Array, "i"], *, side: Face = "above") -> Float[Array, ""]:
+        """The mean of shares at the ordinates of ``side`` for Lambertian light."""
+        one_of(side, _SIDES, "side")
+        mu, weight = (self.mu_above, self.weight_above) if side == "above" else (self.mu_below, self.weight_below)
+        return 2.0 * jnp.sum(weight * mu * shares)
+
+    def _hemispherical(self, kernel: Float[Array, "k o i"], out: Face) -> Float[Array, "i"]:
+        mu, weight = (self.mu_above, self.weight_above) if out == "above" else (self.mu_below, self.weight_below)
+        return 2.0 * jnp.pi * (weight * mu) @ kernel[0]
+
+
+def _series(kernel: Float[Array, "k o i"], azimuth: Any) -> Float[Array, "..."]:
+    return jnp.tensordot(jnp.cos(jnp.asarray(azimuth)[..., None] * np.arange(kernel.shape[0])), kernel, 1)
+
+
+def reciprocal_matrices(
+    stack: Stack, *, solver: DiscreteOrdinates | None = None, orders: int | None = None, like: Stack | None = None
+) -> ReciprocalMatrices:
+    """All R_k and T_k of a stack with its faces.
+
+    The matrices of Stam's algorithm for any number of layers: as the rule gives them, without the correction of once-scattered light that
+    predicted radiances have (above g 0.8 the difference is seen; totals need none).
+
+    Arguments
+    ---------
+    stack : its numbers may be traced, so that the function can be compiled and differentiated.
+    solver : sets the streams and tabulated phase functions.
+    orders : azimuthal orders K, at most 3/2 of the ordinates of one hemisphere. Left out: as many as matter.
+    like : a stack of the same layers with known numbers, from which the directions are laid out where the given one is traced.
+
+    Raises InputError for layers without g, for orders that are no whole number from 1 to what the rule can tell apart, and for traced refractive
+    indices or traced everything else without ``like``.
+
+    >>> import layerfit as lf
+    >>> slab = lf.Stack([lf.Layer("slab", sigma_a=0, sigma_s=2, g=0.5, n=1.4, thickness=1)])
+    >>> m = lf.reciprocal_matrices(slab, solver=lf.DiscreteOrdinates(streams=16), orders=4)
+    >>> m.r_tot.shape, abs(m.reflectance() + m.transmittance() - 1).max() < 1e-12
+    ((4, 4, 4), Array(True, dtype=bool))
+
+    References
+    ----------
+    J. Stam, Proc. Eurographics Workshop on Rendering, 39 (2001), sections 3 and 5.
+    """
+    solver = DiscreteOrdinates() if solver is None else solver
+    known = stack if like is None else like
+    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(known)):
+        raise InputError("reciprocal_matrices: the stack has traced numbers; give like, a stack with known ones that stands for it")
+    if like is not None and (like.names != stack.names or like.half_space != stack.half_space):
+        raise InputError("reciprocal_matrices: like has other layers or numbers than the stack; allowed is the same stack with other values")
+    solver.check(known, TotalReflectance())
+    columns = to_columns(stack, rough_faces=_rough(known, stack))
+    with jax.ensure_compile_time_eval():
+        shape = plan(_domain(stack, known), solver, orders)
+    return assemble(shape, columns, *optics(shape, columns))
+
+
+class Shape(eqx.Module):
+    """What is fixed before the numbers of a stack are known: its layout, and the numbers of ordinates above and below (0 under a half space)."""
+
+    layout: Layout
+    above: int = eqx.field(static=True)
+    below: int = eqx.field(static=True)
+
+
+def _rough(known: Stack, stack: Stack) -> tuple[bool, ...]:
+    """Faces that are or, being traced, may be rough."""
+
+    def faces(one: Stack) -> list:
+        return [layer.roughness for layer in one.layers] + ([] if one.half_space else [one.roughness_below])
+
+    return tuple(isinstance(b, Tracer) or float(a) > 0.0 for a, b in zip(faces(known), faces(stack), strict=True))
+
+
+def _domain(stack: Stack, known: Stack) -> Domain:
+    """A domain whose traced refractive indices are free to move."""
+    columns = to_columns(known, rough_faces=_rough(known, stack))
+    around = [stack.n_above, *(layer.n for layer in stack.layers), stack.n_below]
+    width = _MOVES * np.array([isinstance(n, Tracer) for n in around])
+
+    def moved(sign: float) -> Columns:
+        scale = 1.0 + sign * width
+        indices = (columns.n_above * scale[0], columns.n * scale[1:-1], columns.n_below * scale[-1])
+        return eqx.tree_at(lambda c: (c.n_above, c.n, c.n_below), columns, indices)
+
+    return Domain(known, moved(-1.0), moved(1.0))
+
+
+def plan(domain: Domain, solver: DiscreteOrdinates, orders: int | None) -> Shape:
+    """The shape of the matrices of all stacks of a domain. Raises InputError for wrong orders."""
+    tables = tables_of(solver, domain.stack)
+    streams = solver.streams or enough_streams(domain, angular=True)
+    layout = lay_out(domain, streams, 1, tables)
+    if orders is None:
+        orders = enough_orders(domain, layout.terms, any(table is not None for table in tables), scatterings=1)
+    if isinstance(orders, bool) or not isinstance(orders, int) or not 1 <= orders <= layout.terms:
+        raise InputError(f"orders = {orders!r}; allowed with these streams: a whole number from 1 to {layout.terms}")
+    layout = Layout(layout.groups, layout.counts, layout.terms, orders, tables)
+    n = np.asarray(media(domain.low))
+    distinct = np.array([n[layout.groups.index(group)] for group in range(len(layout.counts))])
+    rank = np.argsort(np.argsort(distinct, kind="stable"), kind="stable")
+    inside = np.cumsum(layout.counts)  # ordinates up to each panel: a medium has those of its own and all inner ones
+    below = 0 if domain.stack.half_space else int(inside[rank[layout.groups[-1]]])
+    return Shape(layout, int(inside[rank[layout.groups[0]]]), below)
+
+
+@eqx.filter_jit
+def optics(shape: Shape, columns: Columns) -> tuple[Grid, tuple[Response[Matrix], ...]]:
+    """Directions and interfaces: what refractive indices and roughness alone decide."""
+    grid = make_grid(shape.layout, columns, jnp.zeros(0), jnp.zeros(0))
+    return grid, make_faces(columns, grid, shape.layout, 0)
+
+
+@eqx.filter_jit
+def assemble(shape: Shape, columns: Columns, grid: Grid, faces: tuple[Response[Matrix], ...]) -> ReciprocalMatrices:
+    """The matrices of one stack."""
+    layout, a, b = shape.layout, shape.above, shape.below
+    numbers = medium(layout, columns)
+    parts = pieces(layout, columns, numbers, grid, faces, 0)
+    first = parts[0].R_above
+    if columns.half_space:
+        whole = Response(reflection(parts), *[first.zero()] * 3)
+        last = first.zero()
+    else:
+        whole, last = compose_all(parts), parts[-1].R_below
+    count = max(a, b)
+    beams = regular(columns, numbers.tau, grid.rule.n, grid.mu[:, :count], grid.real[:, :count])
+    n2 = (columns.n_above**2, columns.n_below**2)
+    mu, root = (grid.mu[0][:a], grid.mu[-1][:b]), (grid.root[0][:a], grid.root[-1][:b])
+    weight = [r**2 / (m * n) for r, m, n in zip(root, mu, n2, strict=True)]
+    share = (2.0 - (np.arange(layout.orders) == 0)) / (2.0 * np.pi)
+
+    def kernel(operator: Matrix, direct: Float[Array, "d"], out: int, into: int) -> Float[Array, "k o i"]:
+        """Coefficients of a BRDF or BTDF from an operator, less what stays a beam. out, into : 0 above, 1 below."""
+        rows, size = root[out].size, root[into].size
+        scattered = operator.value[:, :rows, :size] - jnp.eye(rows, size) * direct[:size]
+        return n2[out] * share[:, None, None] * scattered / (root[out][:, None] * root[into])
+
+    return ReciprocalMatrices(
+        mu_above=mu[0],
+        mu_below=mu[1],
+        weight_above=weight[0],
+        weight_below=weight[1],
+        n_above=columns.n_above,
+        n_below=columns.n_below,
+        R_above=kernel(whole.R_above - first, beams.above, 0, 0),
+        R_below=kernel(whole.R_below - last, beams.below, 1, 1),
+        T_down=kernel(whole.T_down, beams.down, 1, 0),
+        T_up=kernel(whole.T_up, beams.up, 0, 1),
+        surface_above=kernel(first, beams.surface_above, 0, 0),
+        surface_below=kernel(last, beams.surface_below, 1, 1),
+        regular_surface_above=beams.surface_above[:a],
+        regular_surface_below=beams.surface_below[:b],
+        regular_above=beams.above[:a],
+        regular_below=beams.below[:b],
+        regular_down=beams.down[:a],
+        regular_up=beams.up[:b],
+    )
