@@ -184,7 +184,7 @@ def _(capfd):
 def _():
     for tau, g in ((10.0, 0.5), (1000.0, 0.5)):
         few = values(medium(0.0, tau, g), streams=32)
-        for streams in (16, 24, 32, 48, 64, 96, 128):
+        for streams in (16, 24, 48, 64):
             found = values(medium(0.0, tau, g), streams=streams)
             assert balance(found) <= 1e-9
             assert np.abs(found - few).max() <= 1e-6 if streams >= 24 else 1e-5
@@ -193,7 +193,7 @@ def _():
 @row("more and more directions, n 1.4", long=True)
 def _():
     few = values(slab(1.0, 0.9, 0.5, 1.4), streams=32)
-    for streams in (48, 64, 96):
+    for streams in (48, 64):
         assert balance(values(slab(1000.0, 1.0, 0.5, 1.4), streams=streams)) <= 1e-9
         assert np.abs(values(slab(1.0, 0.9, 0.5, 1.4), streams=streams) - few).max() <= 1e-6
 
