@@ -1,6 +1,6 @@
 """Problems 1, 2, 3, 8 and 9 of DISORT's own test: fluxes to the digits printed, intensities to 1e-3, with DISORT's number of streams.
 
-Printed values: tables of cdisort. Beams of DISORT have a flux across the beam; ours a power of 1, so that theirs is ours times the flux on the surface.
+Printed values: tables of cdisort. Beams of DISORT have a flux across the beam; ours a power of 1: theirs is ours times the flux on the surface.
 """
 
 import jax
