@@ -33,13 +33,17 @@ def test_half_space_under_a_smooth_face(n, albedo, Rd):
 
 @pytest.mark.long
 def test_mismatched_slabs():
-    """Adding-doubling. At g 0.9 its stated uncertainty is passed by up to 4 times; in two such rows ours move by 8e-7 from 96 to 120 streams."""
+    """Adding-doubling. Its stated uncertainty is passed by up to 1.9 times (g 0 and 0.5: 2.3e-6), at g 0.9 by up to 4 times.
+
+    Ours have converged there: at n 1.4, albedo 0.9, tau 0.1, g 0 they are 2.1e-6 below the table and move by 4e-8 from 48 to 64 streams (tau 1: 6.9e-6
+    and 4e-11, within 1.1 uncertainties). At g 0.9 they move by 8e-7 in two rows from 96 to 120 streams.
+    """
     for row in table("mismatched_totals.csv"):
         n, g, albedo, tau = (float(row[key]) for key in ("n", "g", "albedo", "tau"))
         values = predicted(slab(tau, albedo, g, n), [R_ALL, T, R_DIFFUSE, T_DIFFUSE], 96 if g > 0.8 else 48)
         for value, key in zip(values, ("R_normal", "T_normal", "R_diffuse", "T_diffuse"), strict=True):
             error = abs(value[0] - float(row[key]))
-            allowed = max(1e-5 if g > 0.8 else 3e-6, (4.0 if g > 0.8 else 1.5) * float(row[f"{key}_unc"]))
+            allowed = max(1e-5 if g > 0.8 else 1e-6, (4.0 if g > 0.8 else 1.9) * float(row[f"{key}_unc"]))
             assert error <= allowed, (row, key, error)
         if albedo == 1.0:
             assert abs(values[0][0] + values[1][0] - 1.0) <= 1e-9
