@@ -35,7 +35,7 @@ def test_half_space_under_a_smooth_face(n, albedo, Rd):
 def test_mismatched_slabs():
     """Adding-doubling. Its stated uncertainty is passed by up to 1.9 times (g 0 and 0.5: 2.3e-6), at g 0.9 by up to 4 times.
 
-    Ours have converged there: at n 1.4, albedo 0.9, tau 0.1, g 0 they are 2.1e-6 below the table and move by 4e-8 from 48 to 64 streams (tau 1: 6.9e-6
+    Ours have converged there: at n 1.4, albedo 0.9, tau 0.1, g 0 they are 2.1e-6 below the table, moving by 4e-8 from 48 to 64 streams (tau 1: 6.9e-6
     and 4e-11, within 1.1 uncertainties). At g 0.9 they move by 8e-7 in two rows from 96 to 120 streams.
     """
     for row in table("mismatched_totals.csv"):
