@@ -1,49 +1,11 @@
 """Discrete ordinates as a solver: published half spaces, slabs, layered totals, radiances, Monte Carlo cases, energy, refusals."""
 
-import csv
-from pathlib import Path
-
 import cases
 import numpy as np
 import pytest
+from ordinates_scenes import R_ALL, R_DIFFUSE, REFERENCE, T_DIFFUSE, R, T, layered, predicted, slab, table
 
 import layerfit as lf
-from layerfit.scene.columns import to_columns
-from layerfit.solver import Domain
-
-REFERENCE = Path(__file__).parent.parent / "reference"
-R, T = lf.TotalReflectance(), lf.TotalTransmittance()
-R_ALL = lf.TotalReflectance(specular="included")
-R_DIFFUSE, T_DIFFUSE = lf.TotalReflectance(specular="included", incidence="diffuse"), lf.TotalTransmittance(incidence="diffuse")
-
-
-def table(name: str) -> list[dict[str, str]]:
-    lines = [line for line in (REFERENCE / "plane_parallel" / name).read_text().splitlines() if not line.startswith("#")]
-    return list(csv.DictReader(lines))
-
-
-def predicted(stack: lf.Stack, geometries, streams: int | None = None, **settings) -> list[np.ndarray]:
-    """Values alone: no second rule for the error."""
-    solver = lf.DiscreteOrdinates(streams=streams, **settings)
-    for geometry in geometries:
-        solver.check(stack, geometry)
-    columns = to_columns(stack)
-    forward = solver.forward(Domain(stack, columns, columns), geometries, [(0.0, 0.0)] * len(geometries))
-    return [np.asarray(value) for value in forward(columns)]
-
-
-def slab(tau: float, albedo: float, g: float, n: float = 1.0, roughness: float = 0.0, **around) -> lf.Stack:
-    layer = lf.Layer("slab", sigma_a=(1.0 - albedo) * tau, sigma_s=albedo * tau, g=g, n=n, thickness=1.0, roughness=roughness)
-    return lf.Stack([layer], roughness_below=roughness, **around)
-
-
-def layered(text: str) -> lf.Stack:
-    """tau/albedo/g; tau/albedo/g ... from the top."""
-    layers = []
-    for i, part in enumerate(text.split(";")):
-        tau, albedo, g = (float(number) for number in part.split("/"))
-        layers.append(lf.Layer(f"layer{i}", sigma_a=(1.0 - albedo) * tau, sigma_s=albedo * tau, g=g, n=1.0, thickness=1.0))
-    return lf.Stack(layers)
 
 
 @pytest.mark.parametrize(
@@ -71,13 +33,17 @@ def test_half_space_under_a_smooth_face(n, albedo, Rd):
 
 @pytest.mark.long
 def test_mismatched_slabs():
-    """Adding-doubling. At g 0.9 its stated uncertainty is passed by up to 4 times; in two such rows ours move by 8e-7 from 96 to 120 streams."""
+    """Adding-doubling. Its stated uncertainty is passed by up to 1.9 times (g 0 and 0.5: 2.3e-6), at g 0.9 by up to 4 times.
+
+    Ours have converged there: at n 1.4, albedo 0.9, tau 0.1, g 0 they are 2.1e-6 below the table, moving by 4e-8 from 48 to 64 streams (tau 1: 6.9e-6
+    and 4e-11, within 1.1 uncertainties). At g 0.9 they move by 8e-7 in two rows from 96 to 120 streams.
+    """
     for row in table("mismatched_totals.csv"):
         n, g, albedo, tau = (float(row[key]) for key in ("n", "g", "albedo", "tau"))
         values = predicted(slab(tau, albedo, g, n), [R_ALL, T, R_DIFFUSE, T_DIFFUSE], 96 if g > 0.8 else 48)
         for value, key in zip(values, ("R_normal", "T_normal", "R_diffuse", "T_diffuse"), strict=True):
             error = abs(value[0] - float(row[key]))
-            allowed = max(1e-5 if g > 0.8 else 3e-6, (4.0 if g > 0.8 else 1.5) * float(row[f"{key}_unc"]))
+            allowed = max(1e-5 if g > 0.8 else 1e-6, (4.0 if g > 0.8 else 1.9) * float(row[f"{key}_unc"]))
             assert error <= allowed, (row, key, error)
         if albedo == 1.0:
             assert abs(values[0][0] + values[1][0] - 1.0) <= 1e-9
@@ -158,60 +124,6 @@ def test_radiances_of_forward_scattering():
     for scene, rows in _radiance_cases(0.6, 1.0):
         for error in _radiance_errors(scene, rows, 128):
             assert error <= 1.0, scene
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("tau", "down", "up"),
-    [(1.0, (3.05855, 0.266648, 0.213750), (0.0395460, 0.101103, 0.151159)), (8.0, (0.669581, 0.422350, 0.236362), (0.493302, 0.519598, 0.379740))],
-)
-def test_disort_problem_3(tau, down, up):
-    """Henyey-Greenstein 0.75, albedo 1, beam of flux pi, cosines 1, 0.5, 0.1.
-
-    DISORT prints 16 streams with its corrections. At convergence (64 streams, 3e-7) its values are off by up to 0.3 %, and by 1.1 % for light sent
-    straight back at tau 1.
-    """
-    angle = np.degrees(np.arccos([1.0, 0.5, 0.1]))
-    reflected, transmitted = predicted(slab(tau, 1.0, 0.75), [lf.AngularReflectance(angle), lf.AngularTransmittance(angle)], 32)
-    assert np.abs(np.pi * transmitted / down - 1.0).max() <= 3e-3
-    assert np.abs(np.pi * reflected / up - 1.0)[1:].max() <= 2e-3
-    assert abs(np.pi * reflected[0] / up[0] - 1.0) <= 1.2e-2
-
-
-@pytest.mark.long
-def test_disort_problems_1_and_2():
-    """Fluxes as printed (six digits): isotropic at mu0 0.1, Rayleigh at mu0 0.080442; beams of flux pi/mu0 and pi. DISORT's 16 streams."""
-    grazing = float(np.degrees(np.arccos(0.1)))
-    where = {"incidence": grazing}
-    for tau, albedo, down, up in ((0.03125, 0.2, 0.0794108, 0.0799451), (0.03125, 1.0, 0.420233, 0.422922), (32.0, 1.0, 0.0676954, 3.07390)):
-        R_beam, T_beam = predicted(slab(tau, albedo, 0.0), [lf.TotalReflectance(**where), lf.TotalTransmittance(**where)], 16)
-        assert abs(np.pi * R_beam[0] - up) <= 5e-6 * up + 1e-7
-        assert abs(np.pi * (T_beam[0] - np.exp(-tau / 0.1)) - down) <= 5e-6 * down + 1e-7
-    where = {"incidence": float(np.degrees(np.arccos(0.080442)))}
-    for tau, albedo, down, up in ((0.2, 0.5, 0.0441791, 0.0535063), (0.2, 1.0, 0.106123, 0.125561), (5.0, 0.5, 0.000251683, 0.0624730)):
-        both = [lf.TotalReflectance(**where), lf.TotalTransmittance(**where)]
-        R_beam, T_beam = predicted(slab(tau, albedo, 0.0), both, 16, phase={"slab": (1.0, 0.0, 0.1)})
-        scale = np.pi * 0.080442
-        assert abs(scale * R_beam[0] - up) <= 1e-5 * up
-        assert abs(scale * (T_beam[0] - np.exp(-tau / 0.080442)) - down) <= 1e-5 * down + 5e-9
-
-
-def test_disort_problems_8_and_9():
-    """Diffuse light on two and on six layers; problem 9b with tabulated moments. DISORT's 8 streams."""
-    for text, down, up in (
-        ("0.25/0.5/0;0.25/0.3/0", 0.513132, 0.0929633),
-        ("0.25/0.8/0;0.25/0.95/0", 0.650417, 0.225136),
-        ("1/0.8/0;2/0.95/0", 0.159984, 0.378578),
-    ):
-        R_up, T_down = predicted(layered(text), [R_DIFFUSE, T_DIFFUSE], 8)
-        assert abs(R_up[0] - up) <= 2e-5 * up
-        assert abs(T_down[0] - down) <= 2e-5 * down
-    six = layered(";".join(f"{i}/{0.6 + 0.05 * i}/0" for i in range(1, 7)))
-    moments = [1.0, *(c / (2 * l + 3) for l, c in enumerate((2.00916, 1.56339, 0.67407, 0.22215, 0.04725, 0.00671, 0.00068, 0.00005)))]
-    for phase, up, down in ((None, 0.227973, 6.16968e-7), ({f"layer{i}": moments for i in range(6)}, 0.100079, 7.41853e-5)):
-        R_up, T_down = predicted(six, [R_DIFFUSE, T_DIFFUSE], 8, phase=phase)
-        assert abs(R_up[0] - up) <= 2e-5 * up
-        assert abs(T_down[0] - down) <= 1e-4 * down
 
 
 @pytest.mark.parametrize("roughness", [0.0, pytest.param(0.3, marks=pytest.mark.long)])

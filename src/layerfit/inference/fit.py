@@ -304,13 +304,15 @@ def _warnings(problem: Problem, runs: Sequence[_Run], known: Uncertainty, stack:
             whole = "value" if is_positive(parameter) else "interval"
             warnings.append(f"{parameter.name} is poorly determined by the data: its standard error is {100 * sd:.0f} % of its {whole}")
     warnings.extend(known.directions)
+    contradicted = False
     if noise is not None:
         warnings.append(f"the data have no sd: one relative noise was estimated from the fit, {noise:.2g}")
-    elif dof > 0 and chdtrc(dof, chi2) < 1e-3:
+    elif chdtrc(max(dof, 1), chi2) < 1e-3:
+        contradicted = True
         warnings.append(
             f"chi-square {chi2:.4g} for {dof} degrees of freedom: the model does not describe the data within their sd, or the sd are too small"
         )
-    if dof <= 0:
+    if dof <= 0 and not contradicted:
         warnings.append("as many free parameters as values: the quality of the fit cannot be judged")
     for dataset in problem.data:
         try:

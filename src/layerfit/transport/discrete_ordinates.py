@@ -192,6 +192,7 @@ def _optics(plan: _Plan, columns: Columns) -> tuple[Grid, tuple[Response[Matrix]
 
 
 _ROUNDING = 1e-12
+_CAUTION = 2.0  # the coarser rule may by chance lie closer than the error of the finer one
 
 
 class OrdinatesForward(Forward):
@@ -204,12 +205,12 @@ class OrdinatesForward(Forward):
         return _values(self.plans, columns)
 
     def error(self, columns: Columns) -> tuple[np.ndarray | None, ...] | None:
-        """Difference to a rule of two thirds of the directions, and rounding."""
+        """Twice the difference to a rule of two thirds of the directions, and rounding."""
         return self.evaluate(columns).errors
 
     def evaluate(self, columns: Columns) -> Evaluation:
         fine, coarse = ([np.asarray(v) for v in _values(plans, columns)] for plans in (self.plans, self.coarser))
-        return Evaluation(tuple(fine), tuple(np.abs(a - b) + _ROUNDING for a, b in zip(fine, coarse, strict=True)))
+        return Evaluation(tuple(fine), tuple(_CAUTION * np.abs(a - b) + _ROUNDING for a, b in zip(fine, coarse, strict=True)))
 
 
 @eqx.filter_jit

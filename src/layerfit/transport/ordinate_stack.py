@@ -20,7 +20,7 @@ from .matrix import Matrix
 from .response import Response
 from .rough_interface import Side, rough_interfaces
 
-_DEPTH_OF_NOTHING = 1e-14  # optical thickness given to a layer that neither absorbs nor scatters, so that its albedo is a number
+_DEPTH_OF_NOTHING = 1e-12  # least optical thickness of a layer: light trapped in one of none has no definite slope, and shows rounding below this
 
 
 class Layout(eqx.Module):
@@ -140,7 +140,9 @@ def medium(layout: Layout, columns: Columns) -> Medium:
     forward = jnp.maximum(chi[:, -1], 0.0)
     left, albedo, moments = jax.vmap(delta_m)(sigma_s / extinction, chi[:, :-1], forward)
     absorbed = (columns.sigma_a + extra) / (extinction * left)
-    return Medium((extinction * left)[:finite] * columns.thickness, albedo, absorbed, moments, forward)
+    tau = (extinction * left)[:finite] * columns.thickness
+    tau = tau + jax.lax.stop_gradient(jnp.maximum(_DEPTH_OF_NOTHING - tau, 0.0))
+    return Medium(tau, albedo, absorbed, moments, forward)
 
 
 def _padded(table: tuple[float, ...], count: int) -> Float[Array, "l"]:
