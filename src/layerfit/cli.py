@@ -72,7 +72,8 @@ def predict(scene: Path, solver: str | None, photons: int | None, seed: int, out
         raise InputError("--noise without --csv: noise is only added to simulated data; give --csv FILE.csv")
     from .montecarlo_solver import with_run_settings
     from .predict import predict as run
-    from .report.archive import prediction_dict, writable_file, write
+    from .report.archive import prediction_dict
+    from .report.files import writable_file, write
     from .scene_file import read_scene
 
     description = read_scene(scene)
@@ -100,7 +101,8 @@ def _write_simulated(paths: list[Path], predictions: list[Any], noise: float | N
     """Predictions as data files, with noise drawn if asked for."""
     import numpy as np
 
-    from .report.archive import data_csv, write
+    from .report.archive import data_csv
+    from .report.files import write
 
     random = np.random.default_rng(seed)
     for path, prediction in zip(paths, predictions, strict=False):
@@ -126,11 +128,13 @@ def fit(scene: Path, out: Path, solver: str | None, starts: int | None) -> None:
     problem = description.problem(solver)
     from .inference.fit import Outcome
     from .inference.fit import fit as run
-    from .report.archive import save_fit, writable_folder
+    from .report.files import writable_folder
 
     writable_folder(out)
     with _progress("fitting") as advance:
         result = run(problem, starts=starts or description.starts, seed=description.seed, on_start=advance)
+    from .report.archive import save_fit
+
     paths = save_fit(result, out, title=f"layerfit: {scene.name}")
     click.echo(result.summary())
     click.echo(f"report: {paths['report.html']}")
@@ -171,7 +175,7 @@ def validate(scene: Path, solver: str | None, photons: int | None, seed: int, ou
     """
     _keep_compilations()
     from .montecarlo_solver import PHOTONS, MonteCarlo
-    from .report.archive import writable_folder
+    from .report.files import writable_folder
     from .scene_file import read_scene
     from .validation import Verdict, check
     from .validation import validate as run
@@ -206,7 +210,7 @@ def example(name: str, out: Path | None) -> None:
     from importlib.resources import files
 
     from .errors import InputError
-    from .report.archive import writable_folder, write
+    from .report.files import writable_folder, write
 
     folder = writable_folder(out or Path(name))
     sources = sorted(files("layerfit").joinpath("examples", name).iterdir(), key=lambda f: f.name)

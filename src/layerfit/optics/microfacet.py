@@ -61,12 +61,14 @@ def facets(mu: Float[Array, "*m"], n: Float[Array, ""], roughness: Float[Array, 
     critical2 = jnp.maximum(1.0 - 1.0 / n**2, 0.0)
     a = slope**2 - critical2 * roughness**2
     apex = (mu**2 - critical2 - (mu * slope) ** 2 / _away(a)) / _away(critical2 * roughness**2)
-    apex = jnp.sqrt(jnp.clip(apex, 1e-12, _REACH**2))
+    apex = jnp.sqrt(jnp.where(critical2 > 0.0, jnp.clip(apex, 1e-12, _REACH**2), _REACH**2))
     eta, w_eta = _panels(jnp.concatenate([jnp.zeros_like(apex), apex, jnp.full_like(apex, _REACH)], axis=-1), _ETA_PANEL)
     w_eta = w_eta * jnp.exp(-0.5 * eta**2)  # one half of the range: eta enters squared
 
     c = mu**2 - critical2 * (1.0 + (roughness * eta) ** 2)
-    q = mu * slope + jnp.sqrt(jnp.maximum((mu * slope) ** 2 - a * c, 1e-30))
+    square = (mu * slope) ** 2
+    apart = square - a * c > 1e-10 * square  # else one root, of which rounding would make two with any slope
+    q = mu * slope + jnp.where(apart, jnp.sqrt(jnp.where(apart, square - a * c, 1.0)), 1e-15)
     moving = jnp.stack([-q / _away(a), -c / q, jnp.broadcast_to(-mu / _away(slope), c.shape)], axis=-1)
     fixed = jnp.broadcast_to(jnp.asarray(_FIXED_CUTS), (*c.shape, len(_FIXED_CUTS)))
     cuts = jnp.sort(jnp.concatenate([jnp.clip(moving, -_REACH, _REACH), fixed], axis=-1))
