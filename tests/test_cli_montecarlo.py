@@ -135,6 +135,7 @@ def counted(*arguments):
     return sums
 
 engine.run_batch = counted
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs begin with it ignored
 main()
 """
 

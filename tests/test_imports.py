@@ -8,7 +8,7 @@ import pytest
 import layerfit
 
 ROOT = Path(layerfit.__file__).parent
-SHARED = {"layerfit.arrays", "layerfit.errors"}  # a name for arrays and the one exception: no physics, used everywhere
+SHARED = {"layerfit.arrays", "layerfit.errors", "layerfit.files"}  # a name for arrays, the one exception, writing files: no physics, used everywhere
 
 
 def module_name(path):

@@ -70,10 +70,10 @@ def predict(scene: Path, solver: str | None, photons: int | None, seed: int, out
 
     if noise is not None and csv_file is None:
         raise InputError("--noise without --csv: noise is only added to simulated data; give --csv FILE.csv")
+    from .files import writable_file, write
     from .montecarlo_solver import with_run_settings
     from .predict import predict as run
     from .report.archive import prediction_dict
-    from .report.files import writable_file, write
     from .scene_file import read_scene
 
     description = read_scene(scene)
@@ -101,8 +101,8 @@ def _write_simulated(paths: list[Path], predictions: list[Any], noise: float | N
     """Predictions as data files, with noise drawn if asked for."""
     import numpy as np
 
+    from .files import write
     from .report.archive import data_csv
-    from .report.files import write
 
     random = np.random.default_rng(seed)
     for path, prediction in zip(paths, predictions, strict=False):
@@ -126,9 +126,9 @@ def fit(scene: Path, out: Path, solver: str | None, starts: int | None) -> None:
 
     description = read_scene(scene)
     problem = description.problem(solver)
+    from .files import writable_folder
     from .inference.fit import Outcome
     from .inference.fit import fit as run
-    from .report.files import writable_folder
 
     writable_folder(out)
     with _progress("fitting") as advance:
@@ -174,8 +174,8 @@ def validate(scene: Path, solver: str | None, photons: int | None, seed: int, ou
     Ends with 1 where they differ by more than the solver's stated error.
     """
     _keep_compilations()
+    from .files import writable_folder
     from .montecarlo_solver import PHOTONS, MonteCarlo
-    from .report.files import writable_folder
     from .scene_file import read_scene
     from .validation import Verdict, check
     from .validation import validate as run
@@ -210,7 +210,7 @@ def example(name: str, out: Path | None) -> None:
     from importlib.resources import files
 
     from .errors import InputError
-    from .report.files import writable_folder, write
+    from .files import writable_folder, write
 
     folder = writable_folder(out or Path(name))
     sources = sorted(files("layerfit").joinpath("examples", name).iterdir(), key=lambda f: f.name)

@@ -31,6 +31,11 @@ class Domain(eqx.Module):
     low: Columns
     high: Columns
 
+    @property
+    def fixed_optics(self) -> bool:
+        """Whether refractive indices and roughness are the same in all stacks."""
+        return all(np.array_equal(getattr(self.low, name), getattr(self.high, name)) for name in ("n", "n_above", "n_below", "roughness"))
+
 
 class Evaluation(NamedTuple):
     """What a forward model gives for one stack: values and absolute errors (None: unknown), one array a geometry, and what is to be said of them."""

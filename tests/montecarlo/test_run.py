@@ -145,8 +145,9 @@ def test_stops_at_the_time_limit():
 
 
 SCRIPT = """
-import sys, math
+import math, signal, sys
 import layerfit.montecarlo as mc
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs begin with it ignored
 medium = mc.Medium([1.4], [0.01], [10.0], 0.8, [math.inf])
 mc.simulate(medium, photons=200, threads=1)  # compiled
 print("started", flush=True)

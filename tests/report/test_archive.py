@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import layerfit as lf
+from layerfit.files import writable_file, writable_folder, write
 from layerfit.report.archive import data_csv, fit_dict, prediction_dict, save_fit
-from layerfit.report.files import writable_file, writable_folder, write
 from layerfit.solver import Forward, Solver
 
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..files import writable_folder, write
 from ..measurement.geometry import Angular, Geometry, SpatialFrequency, value_unit
 from ..predict import Prediction
-from .files import writable_folder, write
 from .html import fit_report, svg
 from .plots import plot_fit
 from .tables import versions

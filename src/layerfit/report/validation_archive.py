@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .files import writable_folder, write
+from ..files import writable_folder, write
 from .html import svg
 from .tables import versions
 

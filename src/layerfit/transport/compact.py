@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -21,10 +21,8 @@ from ..scene.stack import Stack
 from .compact_axis import Axis
 from .compact_file import from_json, read, to_json, write
 from .ordinate_stack import Layout, media, medium
-from .regular import Regular, regular
+from .regular import SIDES, Face, Regular, regular
 
-Face = Literal["above", "below"]
-_SIDES = ("above", "below")
 ARRAYS = ("R_above", "R_below", "T", "surface_above", "surface_below")
 _KNOTS = ("knots_above", "knots_below")
 _NODE, _WEIGHT = np.polynomial.legendre.leggauss(6)
@@ -117,7 +115,7 @@ class CompactForm(eqx.Module):
         mu_in, mu_out : cosines outside; azimuth : between the ways of travel [rad], 0 on the side of the mirror reflection; arrays that broadcast.
         surface : whether what a rough first face reflects is added (light that meets one facet). Raises InputError, see above.
         """
-        one_of(side, _SIDES, "side")
+        one_of(side, SIDES, "side")
         weights, inside = self._weights(free)
         C, i = (self.R_above, 0) if side == "above" else (self.R_below, 1)
         value = self._kernel(_contract(C, weights), mu_out, mu_in, azimuth, self.grazing[i], (i, i))
@@ -132,7 +130,7 @@ class CompactForm(eqx.Module):
 
     def btdf(self, mu_in: Any, mu_out: Any, azimuth: Any, free: Mapping[str, Any], *, side: Face = "above") -> Array:
         """Transmitted radiance, in the medium where it leaves, per irradiance on ``side`` [1/sr]; arguments as for `brdf`."""
-        one_of(side, _SIDES, "side")
+        one_of(side, SIDES, "side")
         weights, inside = self._weights(free)
         below, above = (mu_out, mu_in) if side == "above" else (mu_in, mu_out)
         value = self._kernel(_contract(self.T, weights), below, above, azimuth, self.grazing[2], (1, 0))  # over n^2 of the medium below
@@ -141,7 +139,7 @@ class CompactForm(eqx.Module):
 
     def reflectance(self, mu: Any, free: Mapping[str, Any], *, side: Face = "above", surface: bool = True) -> Array:
         """Share of a beam that is reflected in all directions, beams included; without what the first face reflects on request."""
-        one_of(side, _SIDES, "side")
+        one_of(side, SIDES, "side")
         weights, inside = self._weights(free)
         mu = _cosine(mu)
         C, S, i = (self.R_above, self.surface_above, 0) if side == "above" else (self.R_below, self.surface_below, 1)
@@ -155,7 +153,7 @@ class CompactForm(eqx.Module):
 
     def transmittance(self, mu: Any, free: Mapping[str, Any], *, side: Face = "above") -> Array:
         """Share of a beam on ``side`` that is transmitted in all directions, beams included."""
-        one_of(side, _SIDES, "side")
+        one_of(side, SIDES, "side")
         weights, inside = self._weights(free)
         mu, columns = _cosine(mu), self._columns(free)
         C = _contract(self.T, weights)
@@ -168,7 +166,7 @@ class CompactForm(eqx.Module):
 
     def regular(self, mu: Any, free: Mapping[str, Any], *, side: Face = "above") -> Regular:
         """Shares of beams that arrive on ``side`` at cosines mu and stay beams: exact."""
-        one_of(side, _SIDES, "side")
+        one_of(side, SIDES, "side")
         mu, columns = _cosine(mu), self._columns(free)
         n = media(columns)
         outer = n[0] if side == "above" else n[-1]
@@ -178,7 +176,7 @@ class CompactForm(eqx.Module):
         return Regular(*(share.reshape(mu.shape) for share in shares))
 
     def save(self, path: str | Path) -> None:
-        """Write the form to one file (npz)."""
+        """Write the form to one file (npz), whole or not at all. Raises InputError where it cannot be written."""
         arrays = {name: np.asarray(getattr(self, name)) for name in ARRAYS}
         write(path, self.VERSION, {name: np.asarray(a.knots) for name, a in zip(_KNOTS, self.angles, strict=True)} | arrays, to_json(self))
 

@@ -1,5 +1,6 @@
 """One file for a compact form: an npz of its arrays and a text of everything else."""
 
+import io
 import json
 import zipfile
 from dataclasses import asdict
@@ -8,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .. import files
 from ..errors import InputError
 from ..scene.layer import HalfSpace, Layer
 from ..scene.stack import SCENE_FIELDS, Stack
@@ -21,10 +23,11 @@ _FORMAT = "layerfit compact form"
 
 
 def write(path: str | Path, version: int, arrays: dict[str, np.ndarray], text: str) -> None:
-    """Write arrays and text; the path is used as it is given."""
-    with Path(path).open("wb") as file:
-        content: dict[str, Any] = {"format": np.array(_FORMAT), "version": np.array(version), "text": np.array(text), **arrays}
-        np.savez_compressed(file, **content)
+    """Write arrays and text; the path is used as it is given. Raises InputError where it cannot be written."""
+    content: dict[str, Any] = {"format": np.array(_FORMAT), "version": np.array(version), "text": np.array(text), **arrays}
+    file = io.BytesIO()
+    np.savez_compressed(file, **content)
+    files.write(files.writable_file(path), file.getvalue())
 
 
 def read(path: str | Path, version: int, names: tuple[str, ...]) -> tuple[dict[str, np.ndarray], str]:

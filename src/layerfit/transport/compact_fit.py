@@ -119,8 +119,7 @@ class _Matrices:
 
     def __init__(self, domain: Domain, shape: Shape, rough: tuple[bool, ...]):
         self.shape, self.rough = shape, rough
-        fixed = all(np.array_equal(getattr(domain.low, f), getattr(domain.high, f)) for f in ("n", "n_above", "n_below", "roughness"))
-        self.optics = optics(shape, domain.low) if fixed else None
+        self.optics = optics(shape, domain.low) if domain.fixed_optics else None
 
     def __call__(self, stack: Stack) -> ReciprocalMatrices:
         columns = to_columns(stack, rough_faces=self.rough)

@@ -17,7 +17,7 @@ from ..scene.columns import Columns
 from ..scene.stack import Stack
 from ..solver import Domain, Evaluation, Forward, Solver
 from .matrix import Matrix
-from .ordinate_stack import Grid, Layout, coarsened, lay_out, make_faces, make_grid, media, medium, pieces
+from .ordinate_stack import Grid, Layout, beam_sines, coarsened, lay_out, make_faces, make_grid, media, medium, pieces
 from .response import Response, compose_all, reflection
 from .single_scattering import correction
 
@@ -147,19 +147,14 @@ class _Plan(eqx.Module):
         task = self.task
         n_out = columns.n_above if task.above else columns.n_below
         views = n_out * np.array(task.sines or ())
-        beams = jnp.zeros(0) if task.cosine is None else columns.n_above * np.sqrt(1.0 - np.array([task.cosine]) ** 2)
-        return views, beams
+        return views, beam_sines(columns, task.cosine)
 
 
 def _plan(domain: Domain, geometry: Geometry, layout: Layout) -> _Plan:
     assert isinstance(geometry, Total | Angular)
     task = _task(geometry)
     plan = _Plan(task, layout, None)
-    low, high = domain.low, domain.high
-    optics = ("n", "n_above", "n_below", "roughness")
-    if all(np.array_equal(getattr(low, name), getattr(high, name)) for name in optics):
-        return _Plan(task, layout, _optics(plan, low))
-    return plan
+    return replace(plan, optics=_optics(plan, domain.low)) if domain.fixed_optics else plan
 
 
 _DECAY = 1e-8  # what an azimuthal order of light scattered twice may fall to before it is left out

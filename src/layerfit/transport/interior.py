@@ -79,7 +79,9 @@ def absorbed(stack: Stack, *, incidence: Incidence = "normal", solver: LayeredDi
 
     Computed without integrals: what the layer's sources emit and does not leave it. With R and T, specular included, all of it makes 1 where
     energy is conserved: by DiscreteOrdinates, and by LayeredDiffusion (the default) with boundary="partial_current" - with its other boundaries the
-    exitance differs from the flux by some percent. incidence : as in `fluence`.
+    exitance differs from the flux by some percent. Shares of the incident power [1].
+
+    incidence : as in `fluence`. Raises InputError for stacks the solver cannot do, and for other light than normal with LayeredDiffusion.
 
     >>> import layerfit as lf
     >>> skin = lf.Layer("top", sigma_a=0.3, sigma_s_prime=5, n=1.4, thickness=0.5) | lf.HalfSpace("deep", sigma_a=0.02, sigma_s_prime=2, n=1.4)

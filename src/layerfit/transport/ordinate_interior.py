@@ -19,7 +19,7 @@ from ..scene.stack import Stack
 from ..solver import Domain
 from .discrete_ordinates import DiscreteOrdinates
 from .matrix import Matrix
-from .ordinate_stack import Grid, Layout, make_faces, make_grid, medium, pieces
+from .ordinate_stack import Grid, Layout, beam_sines, make_faces, make_grid, medium, pieces
 from .response import Response, between, compose, compose_all, over, reflection
 
 
@@ -108,7 +108,7 @@ def _fluxes(layout: Layout, columns: Columns, cosine: float | None) -> Float[Arr
 
 def _optics(layout: Layout, columns: Columns, cosine: float | None) -> tuple[Grid, tuple[Response[Matrix], ...], Float[Array, "c"]]:
     """Directions, faces, and the light that falls on the sample, of power 1."""
-    beams = jnp.zeros(0) if cosine is None else columns.n_above * np.sqrt(1.0 - np.array([cosine]) ** 2)
+    beams = beam_sines(columns, cosine)
     grid = make_grid(layout, columns, jnp.zeros(0), beams)
     root = grid.root[0]
     incoming = root / jnp.sum(root**2) if cosine is None else jnp.zeros(root.size + 1).at[-1].set(1.0)

@@ -48,6 +48,11 @@ def media(columns: Columns) -> Float[Array, "media"]:
     return jnp.concatenate([columns.n_above[None], columns.n, *below])
 
 
+def beam_sines(columns: Columns, cosine: float | None) -> Float[Array, "beams"]:
+    """p = n sin(theta) of the light that falls on the sample: one beam, or none where it is diffuse (None)."""
+    return jnp.zeros(0) if cosine is None else columns.n_above * np.sqrt(1.0 - np.array([cosine]) ** 2)
+
+
 def lay_out(domain: Domain, streams: int, orders: int, tables: tuple[tuple[float, ...] | None, ...]) -> Layout:
     """The panels of all stacks of a domain: indices that are free to move get one of their own."""
     low, high, now = (np.asarray(media(c)) for c in (domain.low, domain.high, middle(domain)))

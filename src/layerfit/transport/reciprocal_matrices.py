@@ -1,6 +1,6 @@
 """The reflection and transmission matrices of a whole stack in discrete ordinates, by azimuthal order, as a user reads them."""
 
-from typing import Any, Literal
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -18,11 +18,9 @@ from ..solver import Domain
 from .discrete_ordinates import DiscreteOrdinates, enough_orders, enough_streams, tables_of
 from .matrix import Matrix
 from .ordinate_stack import Grid, Layout, lay_out, make_faces, make_grid, media, medium, pieces
-from .regular import regular
+from .regular import SIDES, Face, regular
 from .response import Response, compose_all, reflection
 
-Face = Literal["above", "below"]
-_SIDES = ("above", "below")
 _MOVES = 1e-9  # relative width of the domain given to a refractive index that is traced
 
 
@@ -78,18 +76,18 @@ class ReciprocalMatrices(eqx.Module):
         azimuth : [rad], of any shape, which leads in the result; 0 on the side of the mirror reflection.
         surface : whether what the first face scatters is counted.
         """
-        one_of(side, _SIDES, "side")
+        one_of(side, SIDES, "side")
         R, first = (self.R_above, self.surface_above) if side == "above" else (self.R_below, self.surface_below)
         return _series(R + first if surface else R, azimuth)
 
     def btdf(self, azimuth: Any, *, side: Face = "above") -> Float[Array, "..."]:
         """Transmitted radiance, in the medium where it leaves, per irradiance on ``side`` [1/sr], at all pairs of ordinates (out, in)."""
-        one_of(side, _SIDES, "side")
+        one_of(side, SIDES, "side")
         return _series(self.T_down if side == "above" else self.T_up, azimuth)
 
     def reflectance(self, *, side: Face = "above", surface: bool = True) -> Float[Array, "i"]:
         """Share of a beam at each ordinate that is reflected in all directions, beams included; without what the first face reflects on request."""
-        one_of(side, _SIDES, "side")
+        one_of(side, SIDES, "side")
         first, mirrored, beam = (
             (self.surface_above, self.regular_surface_above, self.regular_above)
             if side == "above"
@@ -100,14 +98,14 @@ class ReciprocalMatrices(eqx.Module):
 
     def transmittance(self, *, side: Face = "above") -> Float[Array, "i"]:
         """Share of a beam at each ordinate of ``side`` that is transmitted in all directions, beams included."""
-        one_of(side, _SIDES, "side")
+        one_of(side, SIDES, "side")
         if side == "above":
             return self._hemispherical(self.T_down, "below") + self.regular_down
         return self._hemispherical(self.T_up, "above") + self.regular_up
 
     def diffuse(self, shares: Float[Array, "i"], *, side: Face = "above") -> Float[Array, ""]:
         """The mean of shares at the ordinates of ``side`` for Lambertian light."""
-        one_of(side, _SIDES, "side")
+        one_of(side, SIDES, "side")
         mu, weight = (self.mu_above, self.weight_above) if side == "above" else (self.mu_below, self.weight_below)
         return 2.0 * jnp.sum(weight * mu * shares)
 

@@ -1,6 +1,6 @@
 """Light that crosses a stack as a beam: never scattered, and only through smooth faces."""
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
@@ -9,6 +9,9 @@ from jaxtyping import Bool, Float
 from ..scene.columns import Columns
 from .discrete_ordinates_interface import fresnel_shares
 from .response import Response, Scalar, compose_all, reflection
+
+Face = Literal["above", "below"]
+SIDES = ("above", "below")
 
 
 class Regular(NamedTuple):
