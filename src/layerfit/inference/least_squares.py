@@ -25,6 +25,7 @@ _STALLED = 1e-9  # relative gain below which a step counts as none
 _PROBE = 0.1  # share of a step at which its bending is measured
 _MOST_BENT = 0.75  # longest correction by the bending, in steps
 _FIRST_STEP_SIZE = 100.0
+_COARSE = 1e4  # how much sooner the descent on logarithms stops, from which the other one goes on
 
 
 class _State(eqx.Module):
@@ -40,7 +41,7 @@ class _State(eqx.Module):
 class LevenbergMarquardt(optx.AbstractLeastSquaresSolver[Float[Array, "p"], Float[Array, "n"], None, _State]):
     """Stops when a step is small, or when two steps in a row gain nothing.
 
-    rtol, atol : of a step in the coordinates. With options["linearise"] it stops where it starts, the Jacobian done.
+    rtol, atol : of a step in the coordinates, times options["coarse"]. With options["linearise"] it stops where it starts, the Jacobian done.
     """
 
     rtol: float = 1e-9
@@ -74,7 +75,7 @@ class LevenbergMarquardt(optx.AbstractLeastSquaresSolver[Float[Array, "p"], Floa
         step_size = jnp.where(state.first, state.step_size, state.step_size * jnp.where(good, grow, 1.0 / state.shrink))
         gained_nothing = good & (before - after <= _STALLED * before)
         stalled = jnp.where(accept, jnp.where(gained_nothing, state.stalled + 1, 0), state.stalled)
-        settled = ~state.first & (self.norm(delta / (self.atol + self.rtol * jnp.abs(trial))) < 1.0)
+        settled = ~state.first & (self.norm(delta / (self.atol + self.rtol * jnp.abs(trial))) < options["coarse"])
         exhausted = (step_size < 1e-13) | (jnp.isfinite(after) & (after < 1e-24 * residual.size))
         return (
             jnp.where(accept, trial, y),
@@ -127,7 +128,12 @@ class Descent(eqx.Module):
 def _stage(model: Model, u: Float[Array, "p"], logarithmic: Float[Array, ""], linearise: Bool[Array, ""], max_steps: int) -> optx.Solution:
     """One descent on logarithms (1.0) or on the residuals themselves (0.0)."""
     return optx.least_squares(
-        lambda u, _: model.residuals(u, logarithmic), LevenbergMarquardt(), u, options={"linearise": linearise}, max_steps=max_steps, throw=False
+        lambda u, _: model.residuals(u, logarithmic),
+        LevenbergMarquardt(),
+        u,
+        options={"linearise": linearise, "coarse": jnp.where(logarithmic > 0, _COARSE, 1.0)},
+        max_steps=max_steps,
+        throw=False,
     )
 
 

@@ -91,23 +91,24 @@ class Stack(eqx.Module):
     def _surroundings(self) -> dict[str, Number]:
         return {field: getattr(self, field) for field in SCENE_FIELDS}
 
-    def _find(self, name: str) -> tuple[int | None, str]:
-        if name not in self.names:
-            raise InputError(f"'{name}' is no number of this scene; allowed: {', '.join(self.names)}")
+    def _find(self, name: str, allowed: tuple[str, ...]) -> tuple[int | None, str]:
+        if name not in allowed:
+            raise InputError(f"'{name}' is no number of this scene; allowed: {', '.join(allowed)}")
         owner, field = name.rsplit(".", 1)
         index = next((i for i, layer in enumerate(self.layers) if layer.name == owner), None)
         return index, field
 
     def get(self, name: str) -> Number:
         """The number called ``layer.field`` or ``scene.field``; InputError where there is none."""
-        index, field = self._find(name)
+        index, field = self._find(name, self.names)
         return getattr(self if index is None else self.layers[index], field)
 
     def set(self, values: dict[str, Any]) -> "Stack":
         """A new stack with some numbers replaced; this one stays as it is. InputError for a name that does not exist."""
         changes: dict[int | None, dict[str, Any]] = {}
+        allowed = self.names
         for name, value in values.items():
-            index, field = self._find(name)
+            index, field = self._find(name, allowed)
             changes.setdefault(index, {})[field] = value
         layers = [layer.replace(**changes[i]) if i in changes else layer for i, layer in enumerate(self.layers)]
         return Stack(layers, **{**self._surroundings(), **changes.get(None, {})})  # pyright: ignore[reportArgumentType]
