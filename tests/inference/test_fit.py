@@ -46,6 +46,7 @@ def test_truth_from_twenty_random_guesses():
             found += 1
         else:
             assert result.outcome is not lf.Outcome.CONVERGED or any("at its" in w or "chi-square" in w for w in result.warnings)
+    print(f"truth found from {found} of 20 guesses")  # shown by -rP
     assert found >= 19
 
 
@@ -79,6 +80,7 @@ def test_intervals_cover_the_truth():
         chi2.append(result.chi2)
         for name, estimate in result.parameters.items():
             inside[name] += abs(estimate.value - TRUTH[name]) <= estimate.stderr
+    print({name: f"{count / 2:g} % covered" for name, count in inside.items()}, f"mean chi-square {np.mean(chi2):.2f}")
     for name, count in inside.items():
         assert 120 <= count <= 152, name
     assert abs(np.mean(chi2) - 36) <= 3 * np.sqrt(2 * 36 / 200)

@@ -71,7 +71,7 @@ class LevenbergMarquardt(optx.AbstractLeastSquaresSolver[Float[Array, "p"], Floa
         good = jnp.isfinite(after) & (predicted > 0) & (gain > 1e-4) & ~state.first
         accept = good | state.first
 
-        grow = 1.0 / jnp.maximum(0.1, 1.0 - (2.0 * jnp.clip(gain, -1.0, 1.0) - 1.0) ** 3)
+        grow = 1.0 / jnp.maximum(0.2, 1.0 - (2.0 * jnp.clip(gain, -1.0, 1.0) - 1.0) ** 3)
         step_size = jnp.where(state.first, state.step_size, state.step_size * jnp.where(good, grow, 1.0 / state.shrink))
         gained_nothing = good & (before - after <= _STALLED * before)
         stalled = jnp.where(accept, jnp.where(gained_nothing, state.stalled + 1, 0), state.stalled)
