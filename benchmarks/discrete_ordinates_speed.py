@@ -100,40 +100,43 @@ def adding_doubling(streams: int) -> Solve:
 PROGRAMS = {"layerfit": layerfit, "PythonicDISORT": pythonic, "nanodisort": disort, "iadpython": adding_doubling}
 
 
-def least_ms(call: Callable[[], Any], passes: int = 8) -> tuple[float, float]:
-    """Least and largest of the medians of some passes."""
-    call()
-    start = time.perf_counter()
-    call()
-    repeats = int(np.clip(0.1 / (time.perf_counter() - start), 3, 50))
-    medians = []
+def least_ms(calls: list[Callable[[], Any]], passes: int = 8) -> list[tuple[float, float]]:
+    """Least and largest of the medians of some passes for each call. In turn: the pace of a shared machine changes by half within seconds."""
+    repeats = []
+    for call in calls:
+        call()
+        start = time.perf_counter()
+        call()
+        repeats.append(int(np.clip(0.1 / (time.perf_counter() - start), 3, 50)))
+    medians: list[list[float]] = [[] for _ in calls]
     for _ in range(passes):
-        times = []
-        for _ in range(repeats):
-            start = time.perf_counter()
-            call()
-            times.append(time.perf_counter() - start)
-        medians.append(1e3 * float(np.median(times)))
-    return min(medians), max(medians)
+        for call, count, found in zip(calls, repeats, medians, strict=True):
+            times = []
+            for _ in range(count):
+                start = time.perf_counter()
+                call()
+                times.append(time.perf_counter() - start)
+            found.append(1e3 * float(np.median(times)))
+    return [(min(found), max(found)) for found in medians]
 
 
 def main() -> None:
     rows: list[dict[str, Any]] = []
     print("| program | streams | error | alone [ms] (slowest pass) | each of 64 [ms] | compile [s] |\n|---|---|---|---|---|---|")
     for streams in STREAMS:
-        for name, program in PROGRAMS.items():
-            if name == "iadpython" and streams > 32:
-                continue
-            one, many, compiled = program(streams)
+        names = [name for name in PROGRAMS if name != "iadpython" or streams <= 32]
+        solves = [PROGRAMS[name](streams) for name in names]
+        alones, batches = least_ms([one for one, _, _ in solves]), least_ms([many for _, many, _ in solves])
+        for name, (one, _, compiled), (alone, slowest), (batch, _) in zip(names, solves, alones, batches, strict=True):
             error = float(np.max(np.abs(one() - EXACT)))
-            (alone, slowest), (batch, _) = least_ms(one), least_ms(many, 4)
             rows.append({"program": name, "streams": streams, "error": error, "ms": alone, "ms_slowest_pass": slowest, "ms_each_of_64": batch / 64})
             rows[-1]["compile_s"] = compiled
             print(f"| {name} | {streams} | {error:.1e} | {alone:.3f} ({slowest:.3f}) | {batch / 64:.4f} | {compiled:.1f} |", flush=True)
     ours = [row for row in rows if row["program"] == "layerfit"]
     print("\n| peer | streams | error | times slower than layerfit at that error: alone | in a batch |\n|---|---|---|---|---|")
     for row in rows:
-        good = [mine for mine in ours if mine["error"] <= max(row["error"], 5e-9)]  # the exact values have eight digits
+        # the exact values have eight digits; one rule in two programs has one error, but for rounding
+        good = [mine for mine in ours if mine["error"] <= max(1.001 * row["error"], 5e-9)]
         if row["program"] != "layerfit" and good:
             best, best_batch = (min(mine[key] for mine in good) for key in ("ms", "ms_each_of_64"))
             row |= {"times_slower": row["ms"] / best, "times_slower_batch": row["ms_each_of_64"] / best_batch}

@@ -1,11 +1,17 @@
 """Discrete ordinates as a solver: published half spaces, slabs, layered totals, radiances, Monte Carlo cases, energy, refusals."""
 
+import csv
+
 import cases
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from ordinates_scenes import R_ALL, R_DIFFUSE, REFERENCE, T_DIFFUSE, R, T, layered, predicted, slab, table
 
 import layerfit as lf
+from layerfit.scene.columns import to_columns
+from layerfit.transport.ordinate_stack import media
+from layerfit.transport.regular import regular
 
 
 @pytest.mark.parametrize(
@@ -31,23 +37,40 @@ def test_half_space_under_a_smooth_face(n, albedo, Rd):
     assert abs(with_specular[0] - without[0] - ((n - 1.0) / (n + 1.0)) ** 2) <= 1e-12
 
 
-@pytest.mark.long
-def test_mismatched_slabs():
-    """Adding-doubling. Its stated uncertainty is passed by up to 1.9 times (g 0 and 0.5: 2.3e-6), at g 0.9 by up to 4 times.
+INDICES_AND_G = [(n, g) for n in (1.33, 1.4, 1.5) for g in (0.0, 0.5, 0.9)]
 
-    Ours have converged there: at n 1.4, albedo 0.9, tau 0.1, g 0 they are 2.1e-6 below the table, moving by 4e-8 from 48 to 64 streams (tau 1: 6.9e-6
-    and 4e-11, within 1.1 uncertainties). At g 0.9 they move by 8e-7 in two rows from 96 to 120 streams.
+
+@pytest.mark.parametrize(("n", "g"), [pair if pair == (1.4, 0.5) else pytest.param(*pair, marks=pytest.mark.long) for pair in INDICES_AND_G])
+def test_mismatched_slabs(n, g):
+    """All scenes of mismatched_totals.csv within 1e-6 of plain doubling with many nodes (make_mismatched.py), which is good to 1e-7.
+
+    The table's own values, from coarser adding-doubling, lie up to 1.8 (g 0 and 0.5) and 4.8 (g 0.9) of their stated uncertainties from it.
     """
-    for row in table("mismatched_totals.csv"):
-        n, g, albedo, tau = (float(row[key]) for key in ("n", "g", "albedo", "tau"))
+    rows = [row for row in mismatched() if (float(row["n"]), float(row["g"])) == (n, g)]
+    assert len(rows) >= 16
+    for row in rows:
+        albedo, tau = float(row["albedo"]), float(row["tau"])
         values = predicted(slab(tau, albedo, g, n), [R_ALL, T, R_DIFFUSE, T_DIFFUSE], 96 if g > 0.8 else 48)
         for value, key in zip(values, ("R_normal", "T_normal", "R_diffuse", "T_diffuse"), strict=True):
-            error = abs(value[0] - float(row[key]))
-            allowed = max(1e-5 if g > 0.8 else 1e-6, (4.0 if g > 0.8 else 1.9) * float(row[f"{key}_unc"]))
-            assert error <= allowed, (row, key, error)
+            assert abs(value[0] - float(row[key])) <= 1e-6, (row, key)
         if albedo == 1.0:
             assert abs(values[0][0] + values[1][0] - 1.0) <= 1e-9
             assert abs(values[2][0] + values[3][0] - 1.0) <= 1e-9
+
+
+def test_the_judge_of_mismatched_slabs():
+    """Doubling against the exact half spaces of the H-function, and against the table, which it corrects by no more than that can bear."""
+    exact = {(0.5, 1.5): 0.0842459, (0.99, 1.4): 0.6313671, (0.99, 1.5): 0.6019808}
+    found = {(float(row["albedo"]), float(row["n"])): row for row in mismatched() if float(row["g"]) == 0.0 and float(row["tau"]) >= 100.0}
+    for scene, value in exact.items():
+        assert abs(float(found[scene]["R_normal"]) - value) <= 1e-7
+    for ours, theirs in zip(mismatched(), table("mismatched_totals.csv"), strict=True):
+        for key in ("R_normal", "T_normal", "R_diffuse", "T_diffuse"):
+            assert abs(float(ours[key]) - float(theirs[key])) <= 5.0 * max(1e-6, float(theirs[f"{key}_unc"])), (ours, key)
+
+
+def mismatched() -> list[dict[str, str]]:
+    return list(csv.DictReader((REFERENCE / "mismatched_doubling.csv").read_text().splitlines()))
 
 
 @pytest.mark.long
@@ -159,16 +182,35 @@ def test_the_limit_of_zero_roughness():
     assert error[:2].max() <= 1e-3
 
 
-@pytest.mark.long
-def test_angles_of_a_monte_carlo_case():
-    """Exit angles of skin (Donner & Jensen, table 3) with index steps between layers: chi-square of the 3 degree bins."""
-    case = cases.load("skin3_dj_R")
-    rows = np.loadtxt(REFERENCE / "cases" / "skin3_dj_R.angular.csv", delimiter=",", skiprows=1)
-    value = predicted(case.stack, [lf.AngularReflectance(0.5 * (rows[:, 0] + rows[:, 1]))], 32)[0]
-    # not the first bin, which holds the unscattered beam that deeper faces return, nor the last, over which the radiance falls to 0
-    z = ((value - rows[:, 4]) / rows[:, 5])[1:-1]
-    assert np.mean(z**2) <= 2.0
-    assert np.abs(value / rows[:, 4] - 1.0)[1:-1].max() <= 0.02
+NODE, WEIGHT = np.polynomial.legendre.leggauss(5)
+
+
+def _exit_fractions(stack: lf.Stack) -> list[np.ndarray]:
+    """Share of normally incident light that leaves in bins of 3 degrees, above and below, beams included, first-surface reflection not."""
+    angle = np.arange(0.0, 90.0, 3.0)[:, None] + 1.5 * (1.0 + NODE)
+    both = [lf.AngularReflectance(angle.ravel())] + ([] if stack.half_space else [lf.AngularTransmittance(angle.ravel())])
+    ring = 2.0 * np.pi * np.sin(np.radians(angle)) * np.cos(np.radians(angle)) * np.radians(1.5)
+    shares = [np.sum(value.reshape(angle.shape) * ring * WEIGHT, axis=1) for value in predicted(stack, both, None)]
+    columns = to_columns(stack)
+    tau = (columns.sigma_a + columns.sigma_s_prime / (1.0 - columns.g))[: columns.thickness.size] * columns.thickness
+    along = jnp.ones((media(columns).size, 1))
+    beams = regular(columns, tau, media(columns), along, along > 0)
+    for share, beam in zip(shares, (beams.above, beams.down), strict=False):
+        share[0] += float(beam[0])
+    return shares
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in ("si_match_g08", "thin_slab_01mfp_g09") else pytest.param(name, marks=pytest.mark.long) for name in cases.NAMES]
+)
+def test_exit_angles_of_the_monte_carlo_cases(name):
+    """Within 3 standard errors (0.1 % at least), but for what chance leaves outside: errors from 20 batches put 0.7 % of the bins there."""
+    rows = np.loadtxt(REFERENCE / "cases" / f"{name}.angular.csv", delimiter=",", skiprows=1)
+    for share, value, se in zip(_exit_fractions(cases.load(name).stack), (rows[:, 2], rows[:, 6]), (rows[:, 3], rows[:, 7]), strict=False):
+        outside = np.abs(share - value) / np.maximum(3.0 * se, 1e-3 * value)
+        assert np.sum(~(outside <= 1.0)) <= 1, outside
+        assert np.max(outside) <= 1.6
+        assert abs(np.mean((share - value) / se)) <= 3.0 / np.sqrt(len(rows))
 
 
 def test_what_it_refuses():

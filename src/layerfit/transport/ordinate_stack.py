@@ -17,7 +17,7 @@ from ..solver import Domain
 from .discrete_ordinates_interface import smooth_interface
 from .discrete_ordinates_layer import Directions, deep_layer, layer, problem, scattering
 from .matrix import Matrix
-from .response import Response
+from .response import Response, nothing
 from .rough_interface import Side, rough_interfaces
 
 _DEPTH_OF_NOTHING = 1e-12  # least optical thickness of a layer: light trapped in one of none has no definite slope, and shows rounding below this
@@ -193,7 +193,9 @@ def make_faces(columns: Columns, grid: Grid, layout: Layout, beams: int) -> tupl
     rough = iter(rough_interfaces(pairs, grid.rule.edges, layout.counts, layout.orders, beams))
     faces = []
     for i in range(n.shape[0] - 1):
-        if columns.smooth[i]:
+        if columns.smooth[i] and layout.groups[i] == layout.groups[i + 1]:
+            faces.append(nothing(Matrix(jnp.zeros((layout.orders, grid.mu.shape[1], grid.mu.shape[1])))))
+        elif columns.smooth[i]:
             mu, real = ([channels(grid, beams, values[j]) for j in (i, i + 1)] for values in (grid.mu, grid.real))
             face = smooth_interface(n[i], n[i + 1], mu[0], mu[1], real[0], real[1])
             faces.append(jax.tree.map(lambda x: jnp.broadcast_to(x, (layout.orders, *x.shape)), face))

@@ -115,8 +115,21 @@ class Response(eqx.Module, Generic[Op]):
 
     def identity(self) -> "Response[Op]":
         """The response of nothing, with the channels and frequencies of self."""
-        one, zero = self.R_above.one(), self.R_above.zero()
-        return Response(zero, zero, one, one)
+        return Response(*_identity(self.R_above))
+
+
+def _identity(like: Op) -> tuple[Op, Op, Op, Op]:
+    one, zero = like.one(), like.zero()
+    return zero, zero, one, one
+
+
+def nothing(like: Op) -> "Nothing[Op]":
+    """The response of nothing, with the channels and frequencies of an operator."""
+    return Nothing(*_identity(like))
+
+
+class Nothing(Response[Op]):
+    """The response of nothing, known as such before any number is: composing with it costs nothing."""
 
 
 def compose(upper: Response[Op], lower: Response[Op]) -> Response[Op]:
@@ -124,6 +137,8 @@ def compose(upper: Response[Op], lower: Response[Op]) -> Response[Op]:
 
     What is not used of the result costs nothing once compiled.
     """
+    if isinstance(upper, Nothing) or isinstance(lower, Nothing):
+        return lower if isinstance(upper, Nothing) else upper
     down, up = between(upper, lower.R_above), between(lower.reversed(), upper.R_below)
     return Response(
         R_above=upper.R_above + upper.T_up @ lower.R_above @ down,
@@ -135,11 +150,15 @@ def compose(upper: Response[Op], lower: Response[Op]) -> Response[Op]:
 
 def between(upper: Response[Op], lower: Op) -> Op:
     """What goes down between a piece and something below it that reflects by ``lower``: (1 - R1_below R2_above)^-1 T1_down."""
+    if isinstance(upper, Nothing):
+        return upper.T_down
     return upper.R_below.bounce(lower) @ upper.T_down
 
 
 def over(piece: Response[Op], below: Op) -> Op:
     """R_above of a piece over something that reflects by ``below``."""
+    if isinstance(piece, Nothing):
+        return below
     return piece.R_above + piece.T_up @ below @ between(piece, below)
 
 
