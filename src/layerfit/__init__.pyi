@@ -32,6 +32,7 @@ from .transport.bssrdf import bssrdf as bssrdf
 from .transport.compact import CompactForm as CompactForm
 from .transport.compact_fit import compact_form as compact_form
 from .transport.discrete_ordinates import DiscreteOrdinates as DiscreteOrdinates
+from .transport.first_able import FirstAble as FirstAble
 from .transport.image_sum import image_sum as image_sum
 from .transport.interior import absorbed as absorbed
 from .transport.interior import fluence as fluence

@@ -178,12 +178,16 @@ def test_what_it_refuses(form):
     ids=["matched", "rough", "half space"],
 )
 def test_other_stacks(stack):
-    """Grazing light without an index step, rough faces, nothing below: stated errors hold and are small."""
+    """Grazing light without an index step, rough faces, nothing below: stated errors hold, and are small but for grazing light on rough faces."""
+    rough = any(layer.roughness > 0 for layer in stack.layers)
     free = {"slab.sigma_a": (0.05, 0.5)}
     form = lf.compact_form(stack, free, orders=6, angles=8, solver=lf.DiscreteOrdinates(streams=48))
     for x in (0.06, 0.13, 0.31):
         m = lf.reciprocal_matrices(stack.set({"slab.sigma_a": x}), solver=lf.DiscreteOrdinates(streams=56), orders=18)
         error = np.abs(form.brdf(m.mu_above, m.mu_above[:, None], 0.5, {"slab.sigma_a": x}) - m.brdf(0.5))
-        assert np.max(error) <= form.errors.absolute[0] <= 0.1 * np.max(m.brdf(0.5))
         total = np.abs(form.reflectance(m.mu_above, {"slab.sigma_a": x}) - m.reflectance())
-        assert np.max(total) <= form.errors.total[0] <= 0.01
+        assert np.max(error) <= form.errors.absolute[0]
+        assert np.max(total) <= form.errors.total[0]
+        steep = np.asarray(m.mu_above) >= (0.3 if rough else 0.0)
+        assert np.max(error[np.ix_(steep, steep)]) <= (0.05 if rough else 0.1) * np.max(m.brdf(0.5))
+        assert np.max(total[steep]) <= 0.01
