@@ -1,5 +1,6 @@
 """Layered diffusion against values of other programs, and physical sense on random stacks."""
 
+import cases
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -210,3 +211,17 @@ def test_aperture_collects_part_of_the_light():
     assert 1.0 < small / whole / 0.05**2 < 1.35
     nearly = float(lf.predict(HALF, lf.RadialReflectance(r=[3.0], detector=lf.Detector(na=0.9999999)))[0].values[0])
     assert abs(nearly / whole - 1) <= 1e-6
+
+
+def test_against_monte_carlo_where_diffusion_holds():
+    """R(r) of MCML beyond 2 mfp', layers of 2 mfp' and more, sigma_s'/sigma_a from 10, no clear gap: median error within 5 %, 20 % in each case."""
+    errors = []
+    for case in (case for case in cases.cases() if case.diffusive):
+        low, high = case.rings
+        far = (0.5 * (low + high) >= 2.0 * case.mfp) & (case.R_se < 0.05 * case.R)
+        found = lf.predict(case.stack, lf.RadialReflectance(r_min=low[far], r_max=high[far]), solver=lf.LayeredDiffusion())[0].values
+        errors.append(np.abs(found / case.R[far] - 1.0))
+        assert np.median(errors[-1]) <= 0.20, case.name
+    print(f"median {100 * np.median(np.concatenate(errors)):.2f} % of {len(errors)} cases")  # shown by -rP
+    assert len(errors) >= 5
+    assert np.median(np.concatenate(errors)) <= 0.05
