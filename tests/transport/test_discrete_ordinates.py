@@ -174,6 +174,18 @@ def test_rough_faces_against_monte_carlo():
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("roughness", [0.3, 0.6])
+def test_lobes_through_two_rough_faces(roughness):
+    """A thin plate at 40 degrees, in the plane of incidence, the lobe's top included: both faces are alike and must not echo each other's rule."""
+    layer = lf.Layer("slab", sigma_a=0.05, sigma_s=0.5, g=0.5, n=1.5, thickness=0.5, roughness=roughness)
+    stack = lf.Stack([layer], roughness_below=roughness)
+    lobe = lf.AngularTransmittance([20.0, 30.0, 36.0, 40.0, 44.0, 50.0, 60.0], incidence=40.0, azimuth=0.0)
+    ours = predicted(stack, [lobe], 48)[0]
+    walked = lf.predict(stack, lobe, solver=lf.MonteCarlo(photons=1_000_000, seed=2))[0]
+    assert np.max(np.abs(ours - walked.values) / (4.0 * walked.estimated_error + 0.05 * walked.values)) <= 1.0
+
+
+@pytest.mark.long
 def test_the_limit_of_zero_roughness():
     smooth, rough = (predicted(slab(2.0, 0.9, 0.5, 1.4, s), [R_ALL, T, R_DIFFUSE, T_DIFFUSE], 24) for s in (0.0, 1e-5))
     # a beam behind a rough face is carried by the ordinates, to their accuracy; diffuse light differs by the roughness alone

@@ -32,7 +32,6 @@ def _crowding(n: int) -> tuple[np.ndarray, np.ndarray]:
     return 0.5 * (1.0 - np.cos(angle)), 0.5 * np.sin(angle) * w
 
 
-_XI_PANEL, _ETA_PANEL = _crowding(10), _crowding(12)
 _U, _W_U = _gauss(24, 0.0, 1.0)
 
 
@@ -49,8 +48,8 @@ class Facets(NamedTuple):
     cosine: Float[Array, "*m e x"]
 
 
-def facets(mu: Float[Array, "*m"], n: Float[Array, ""], roughness: Float[Array, ""]) -> Facets:
-    """The facets of a Gaussian face met by light at incidence cosine mu; n as for `rough_reflectance`.
+def facets(mu: Float[Array, "*m"], n: Float[Array, ""], roughness: Float[Array, ""], nodes: tuple[int, int] = (10, 12)) -> Facets:
+    """The facets of a Gaussian face met by light at incidence cosine mu; n as for `rough_reflectance`. nodes : in a panel of xi, of eta.
 
     The light travels towards positive x; a facet of slopes (x, y) has the normal (-x, -y, 1)/sqrt(1 + x^2 + y^2).
     """
@@ -62,7 +61,7 @@ def facets(mu: Float[Array, "*m"], n: Float[Array, ""], roughness: Float[Array, 
     a = slope**2 - critical2 * roughness**2
     apex = (mu**2 - critical2 - (mu * slope) ** 2 / _away(a)) / _away(critical2 * roughness**2)
     apex = jnp.sqrt(jnp.where(critical2 > 0.0, jnp.clip(apex, 1e-12, _REACH**2), _REACH**2))
-    eta, w_eta = _panels(jnp.concatenate([jnp.zeros_like(apex), apex, jnp.full_like(apex, _REACH)], axis=-1), _ETA_PANEL)
+    eta, w_eta = _panels(jnp.concatenate([jnp.zeros_like(apex), apex, jnp.full_like(apex, _REACH)], axis=-1), _crowding(nodes[1]))
     w_eta = w_eta * jnp.exp(-0.5 * eta**2)  # one half of the range: eta enters squared
 
     c = mu**2 - critical2 * (1.0 + (roughness * eta) ** 2)
@@ -72,7 +71,7 @@ def facets(mu: Float[Array, "*m"], n: Float[Array, ""], roughness: Float[Array, 
     moving = jnp.stack([-q / _away(a), -c / q, jnp.broadcast_to(-mu / _away(slope), c.shape)], axis=-1)
     fixed = jnp.broadcast_to(jnp.asarray(_FIXED_CUTS), (*c.shape, len(_FIXED_CUTS)))
     cuts = jnp.sort(jnp.concatenate([jnp.clip(moving, -_REACH, _REACH), fixed], axis=-1))
-    xi, weight = _panels(cuts, _XI_PANEL)
+    xi, weight = _panels(cuts, _crowding(nodes[0]))
     area = jnp.maximum(mu[..., None] + slope[..., None] * xi, 0.0)
     weight = weight * w_eta[..., None] * jnp.exp(-0.5 * xi**2) * area
     tilt = 1.0 + roughness**2 * (xi**2 + eta[..., None] ** 2)

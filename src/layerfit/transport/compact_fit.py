@@ -38,7 +38,7 @@ def compact_form(
 ) -> CompactForm:
     """A compact form of a stack for ranges of some of its numbers.
 
-    Behind rough faces it is poor within some 15 degrees of grazing, where the matrices it is fitted to scatter; its stated errors say so.
+    Behind rough faces it is poor near grazing, where the matrices it is fitted to scatter; its stated errors say so.
 
     Arguments
     ---------

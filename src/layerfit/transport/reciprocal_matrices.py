@@ -125,8 +125,7 @@ def reciprocal_matrices(
 
     The matrices of Stam's algorithm for any number of layers: as the rule gives them, without the correction of once-scattered light that
     predicted radiances have (above g 0.8 the difference is seen; totals need none). Behind rough faces values at single ordinates
-    scatter about the truth towards grazing, by a tenth at 10 degrees from the surface and more below; sums over ordinates do not, nor do the
-    radiances of `predict`.
+    within 3 degrees of grazing scatter about the truth by up to a fifth; sums over ordinates do not, nor do the radiances of `predict`.
 
     Arguments
     ---------
