@@ -97,12 +97,21 @@ def tables_of(solver: DiscreteOrdinates, stack: Stack) -> tuple[tuple[float, ...
     return tuple(dict(solver.phase).get(layer.name) for layer in stack.layers)
 
 
+_PER_LOBE = 6.0  # ordinates of a hemisphere for lobes of roughness 1: fewer ring, to negative radiances
+_MOST = 128
+
+
 def enough_streams(domain: Domain, angular: bool) -> int:
-    """Streams for an error of 2e-6 in totals, 1e-5 for g above 0.8 (rough faces: about 1e-4). More where directions fall into panels."""
+    """Streams for an error of 2e-6 in totals, 1e-5 for g above 0.8 (rough faces: about 1e-4). More where directions fall into panels, and
+    for the lobes of hardly rough faces."""
     g = float(np.max(np.abs(np.asarray(domain.high.g))))
     panels = len(np.unique(np.concatenate([media(domain.low), media(domain.high)]))) > 1
     streams = 32 if g <= (0.6 if panels else 0.8) else 64 if g <= (0.8 if panels or angular else 0.95) else 96 if g <= 0.95 and not angular else 128
-    return streams if all(domain.low.smooth) else max(streams, 48)
+    if all(domain.low.smooth):
+        return streams
+    least = min(float(s) for s, smooth in zip(np.asarray(domain.low.roughness), domain.low.smooth, strict=True) if not smooth)
+    lobes = 2 * int(np.ceil(_PER_LOBE / max(least, 0.01))) if angular else 0
+    return max(streams, min(lobes, _MOST), 48)
 
 
 class _Task(NamedTuple):
