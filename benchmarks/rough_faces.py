@@ -1,6 +1,6 @@
 """Rough faces in discrete ordinates against the Monte Carlo: totals, and lobes of light through thin layers laid over each other.
 
-python benchmarks/rough_faces.py [PHOTONS]   (2e6 if left out; some minutes)
+python benchmarks/rough_faces.py [PHOTONS]   (2e6 if left out; half an hour, most of it the figure)
 
 The ordinates follow light that meets one facet and hand back what a second one catches by a reciprocal term of rank one; the Monte Carlo walks from
 facet to facet. What they differ by is what that model costs. Stores benchmarks/results/rough_faces.json and the figure beside it.
