@@ -25,6 +25,7 @@ _STALLED = 1e-9  # relative gain below which a step counts as none
 _PROBE = 0.1  # share of a step at which its bending is measured
 _MOST_BENT = 0.75  # longest correction by the bending, in steps
 _FIRST_STEP_SIZE = 100.0
+_FASTEST = 5.0  # growth of the step size after a good step, at most
 _COARSE = 1e4  # how much sooner the descent on logarithms stops, from which the other one goes on
 
 
@@ -71,7 +72,7 @@ class LevenbergMarquardt(optx.AbstractLeastSquaresSolver[Float[Array, "p"], Floa
         good = jnp.isfinite(after) & (predicted > 0) & (gain > 1e-4) & ~state.first
         accept = good | state.first
 
-        grow = 1.0 / jnp.maximum(0.2, 1.0 - (2.0 * jnp.clip(gain, -1.0, 1.0) - 1.0) ** 3)
+        grow = 1.0 / jnp.maximum(1.0 / _FASTEST, 1.0 - (2.0 * jnp.clip(gain, -1.0, 1.0) - 1.0) ** 3)
         step_size = jnp.where(state.first, state.step_size, state.step_size * jnp.where(good, grow, 1.0 / state.shrink))
         gained_nothing = good & (before - after <= _STALLED * before)
         stalled = jnp.where(accept, jnp.where(gained_nothing, state.stalled + 1, 0), state.stalled)

@@ -9,21 +9,6 @@ from .matrix import Matrix
 from .response import Response
 
 
-def smooth_interface(
-    n_above: Float[Array, ""],
-    n_below: Float[Array, ""],
-    mu_above: Float[Array, "c"],
-    mu_below: Float[Array, "c"],
-    real_above: Bool[Array, "c"],
-    real_below: Bool[Array, "c"],
-) -> Response[Matrix]:
-    """Fresnel reflection and refraction: each channel for itself, since directions on both sides are matched by Snell's law.
-
-    mu : cosines on the two sides. real : whether a side has the direction; where only one has it, reflection is total.
-    """
-    return _diagonal(*fresnel_shares(n_above, n_below, mu_above, mu_below, real_above, real_below))
-
-
 def fresnel_shares(
     n_above: Float[Array, ""],
     n_below: Float[Array, ""],
@@ -32,7 +17,11 @@ def fresnel_shares(
     real_above: Bool[Array, "c"],
     real_below: Bool[Array, "c"],
 ) -> tuple[Float[Array, "c"], Float[Array, "c"], Float[Array, "c"]]:
-    """Reflected from above, from below, and transmitted share of each channel; arguments as for `smooth_interface`."""
+    """Reflected from above, from below, and transmitted share of each channel [1].
+
+    Directions on both sides are matched by Snell's law. mu : cosines on the two sides. real : whether a side has the direction; where only one has
+    it, reflection is total.
+    """
     both = real_above & real_below
     one = jnp.ones_like(mu_above)
     back = matched_reflectance(jnp.where(both, mu_above, one), jnp.where(both, mu_below, one), n_above / n_below)
@@ -43,6 +32,7 @@ def fresnel_shares(
     )
 
 
-def _diagonal(above: Float[Array, "c"], below: Float[Array, "c"], through: Float[Array, "c"]) -> Response[Matrix]:
+def smooth_interface(above: Float[Array, "c"], below: Float[Array, "c"], through: Float[Array, "c"]) -> Response[Matrix]:
+    """Fresnel reflection and refraction from the shares of `fresnel_shares`: each channel for itself."""
     crossing = Matrix(jnp.diag(through))
     return Response(Matrix(jnp.diag(above)), Matrix(jnp.diag(below)), crossing, crossing)

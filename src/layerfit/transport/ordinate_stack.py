@@ -14,7 +14,7 @@ from ..optics.phase import delta_m, henyey_greenstein_moments, legendre_function
 from ..optics.quadrature import Ordinates, allot, cosine, ordinates
 from ..scene.columns import Columns
 from ..solver import Domain
-from .discrete_ordinates_interface import smooth_interface
+from .discrete_ordinates_interface import fresnel_shares, smooth_interface
 from .discrete_ordinates_layer import Directions, deep_layer, layer, problem, scattering
 from .matrix import Matrix
 from .response import Response, nothing
@@ -197,7 +197,7 @@ def make_faces(columns: Columns, grid: Grid, layout: Layout, beams: int) -> tupl
             faces.append(nothing(Matrix(jnp.zeros((layout.orders, grid.mu.shape[1], grid.mu.shape[1])))))
         elif columns.smooth[i]:
             mu, real = ([channels(grid, beams, values[j]) for j in (i, i + 1)] for values in (grid.mu, grid.real))
-            face = smooth_interface(n[i], n[i + 1], mu[0], mu[1], real[0], real[1])
+            face = smooth_interface(*fresnel_shares(n[i], n[i + 1], mu[0], mu[1], real[0], real[1]))
             faces.append(jax.tree.map(lambda x: jnp.broadcast_to(x, (layout.orders, *x.shape)), face))
         else:
             faces.append(next(rough))
