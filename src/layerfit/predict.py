@@ -40,8 +40,8 @@ def predict(stack: Stack, geometries: Geometry | Sequence[Geometry], *, solver: 
     solver = Auto() if solver is None else solver
     for geometry in geometries:
         solver.check(stack, geometry)
-    notes = [solver.notes(stack, geometry) for geometry in geometries]
-    chosen = solver.resolve(stack, geometries)
+    chosen, why, _ = solver.choose(stack, geometries)
+    notes = [(*why, *chosen.notes(stack, geometry)) for geometry in geometries]
     columns = to_columns(stack)
     forward = chosen.forward(Domain(stack, columns, columns), geometries, [(0.0, 0.0)] * len(geometries))
     values, errors, said = forward.evaluate(columns)

@@ -67,6 +67,14 @@ class Forward(eqx.Module):
         return Evaluation(values, self.error(columns) or (None,) * len(values))
 
 
+class Choice(NamedTuple):
+    """The solver that will run, and why. rung : 0 for the cheapest of those a solver chooses from."""
+
+    solver: "Solver"
+    notes: tuple[str, ...]
+    rung: int = 0
+
+
 class Solver(eqx.Module):
     """How a measurement is predicted from a stack."""
 
@@ -81,9 +89,16 @@ class Solver(eqx.Module):
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in self.settings.items())})"
 
-    def resolve(self, stack: Stack, geometries: Sequence[Geometry]) -> "Solver":
-        """The solver that will run; only a solver that chooses returns another than itself."""
-        return self
+    def choose(self, stack: Stack, geometries: Sequence[Geometry], resolution: float | None = None) -> "Choice":
+        """The solver that will run; only a solver that chooses returns another than itself.
+
+        resolution : relative error that the data cannot tell from none; None where there are no data.
+        """
+        return Choice(self, ())
+
+    def choose_again(self, before: "Choice", stack: Stack, geometries: Sequence[Geometry], resolution: float | None = None) -> "Choice | None":
+        """A better choice where an earlier one no longer holds for a stack, None where it does."""
+        return None
 
     @abstractmethod
     def check(self, stack: Stack, geometry: Geometry) -> None:

@@ -245,12 +245,13 @@ def test_what_it_refuses():
     with pytest.raises(ValueError, match="needs g"):
         lf.predict(without_g, R, solver=solver)
     deep = lf.Stack([lf.HalfSpace("skin", sigma_a=0.01, sigma_s_prime=1.0, g=0.8, n=1.4)])
-    with pytest.raises(ValueError, match="radial_reflectance"):
-        lf.predict(deep, lf.RadialReflectance([1.0]), solver=solver)
+    with pytest.raises(ValueError, match="radial_transmittance"):
+        lf.predict(deep, lf.RadialTransmittance([1.0]), solver=solver)
     with pytest.raises(ValueError, match="half space"):
         lf.predict(deep, T, solver=solver)
-    with pytest.raises(ValueError, match="even"):
-        lf.DiscreteOrdinates(streams=5)
+    for wrong in ({"streams": 5}, {"orders": 1}, {"frequencies": 9}, {"frequencies": 2.0}):
+        with pytest.raises(ValueError, match=next(iter(wrong))):
+            lf.DiscreteOrdinates(**wrong)
     with pytest.raises(ValueError, match="no directions"):
         lf.predict(deep, lf.AngularReflectance([0.0]), solver=lf.LayeredDiffusion())
 

@@ -5,21 +5,22 @@ import pytest
 
 import layerfit as lf
 
-SOLVER = lf.FirstAble(lf.DiscreteOrdinates(streams=16), lf.LayeredDiffusion())
+SOLVER = lf.FirstAble(lf.LayeredDiffusion(), lf.DiscreteOrdinates(streams=16))
 STACK = lf.Stack([lf.Layer("top", sigma_a=0.05, sigma_s_prime=1.5, g=0.7, n=1.4, thickness=2.0)])
 RADIAL = lf.RadialReflectance(r=np.linspace(1.0, 10.0, 12))
-GEOMETRIES = [lf.TotalReflectance(), RADIAL, lf.AngularReflectance([20.0, 50.0]), lf.TotalTransmittance()]
+ANGLES = lf.AngularReflectance([20.0, 50.0])
+GEOMETRIES = [lf.TotalReflectance(), RADIAL, ANGLES, lf.TotalTransmittance()]
 
 
 def test_each_value_is_that_of_its_solver_in_the_order_asked():
     together = lf.predict(STACK, GEOMETRIES, solver=SOLVER)
     for i, geometry in enumerate(GEOMETRIES):
-        alone = lf.predict(STACK, geometry, solver=SOLVER.solvers[1 if geometry is RADIAL else 0])[0]
+        alone = lf.predict(STACK, geometry, solver=SOLVER.solvers[1 if geometry is ANGLES else 0])[0]
         assert np.max(np.abs(together[i].values / alone.values - 1.0)) <= 1e-9
         assert (together[i].estimated_error is None) == (alone.estimated_error is None)
-        assert together[i].notes[0] == f"predicted by {'layered-diffusion' if geometry is RADIAL else 'discrete-ordinates'}"
-    radial_first = lf.FirstAble(lf.LayeredDiffusion(), lf.DiscreteOrdinates())
-    assert radial_first.taken(STACK, GEOMETRIES[0]).name == "layered-diffusion"
+        assert together[i].notes[0] == f"predicted by {'discrete-ordinates' if geometry is ANGLES else 'layered-diffusion'}"
+    transport_first = lf.FirstAble(lf.DiscreteOrdinates(), lf.LayeredDiffusion())
+    assert transport_first.taken(STACK, GEOMETRIES[0]).name == "discrete-ordinates"
 
 
 def test_joint_fit_of_totals_angles_and_radial_data():
@@ -48,8 +49,9 @@ def test_what_it_refuses():
     with pytest.raises(ValueError, match="one solver or more"):
         lf.FirstAble("auto")  # pyright: ignore[reportArgumentType]
     only = lf.FirstAble(lf.DiscreteOrdinates(), lf.Dipole())
-    with pytest.raises(ValueError, match=r"discrete-ordinates cannot predict radial_reflectance.*; .*dipole"):
-        lf.predict(STACK, RADIAL, solver=only)
+    without_g = lf.Stack([lf.Layer("top", sigma_a=0.05, sigma_s_prime=1.5, n=1.4, thickness=2.0)])
+    with pytest.raises(ValueError, match=r"discrete-ordinates needs g.*; .*dipole"):
+        lf.predict(without_g, RADIAL, solver=only)
     walked = lf.FirstAble(lf.MonteCarlo(photons=1000), lf.LayeredDiffusion())
     with pytest.raises(ValueError, match="first-able has no derivatives"):
         lf.Problem(STACK, lf.Dataset(RADIAL, np.ones(12), 0.1 * np.ones(12)), free={"top.sigma_a": (0.01, 1.0)}, solver=walked)

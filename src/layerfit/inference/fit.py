@@ -148,7 +148,8 @@ def fit(
     """Fit a problem by least squares.
 
     The first run starts at the parameters' init, further ones at points spread evenly between the bounds, in a fixed order. Each goes first for the
-    logarithms of the data, then for the data. Once three runs have met in the best minimum no more are made.
+    logarithms of the data, then for the data. Once three runs have met in the best minimum no more are made. A solver that was chosen for the init
+    and is not good enough at the result gives way to a better one, which goes on from there.
 
     Arguments
     ---------
@@ -167,8 +168,11 @@ def fit(
         raise InputError(f"starts = {starts!r}; allowed is a whole number, at least 1")
     began = time.perf_counter()
     points = _starting_points(problem, starts, seed)
-    runs = _run_all(problem, points, on_start)
-    return _assemble(problem, runs, time.perf_counter() - began)
+    result = _assemble(problem, _run_all(problem, points, on_start), time.perf_counter() - began)
+    while (better := result.problem.again(result.stack)) is not None:
+        runs = _run_all(better, _starting_points(better, 1, seed), on_start)
+        result = _assemble(better, runs, time.perf_counter() - began)
+    return result
 
 
 def _starting_points(problem: Problem, count: int, seed: int) -> np.ndarray:
@@ -319,5 +323,6 @@ def _warnings(problem: Problem, runs: Sequence[_Run], known: Uncertainty, stack:
             problem.chosen.check(stack, dataset.geometry)
         except InputError as error:
             warnings.append(f"at the fitted values: {error}")
-        warnings.extend(problem.solver.notes(stack, dataset.geometry))
+        warnings.extend(problem.chosen.notes(stack, dataset.geometry))
+    warnings.extend(problem.choice.notes)
     return list(dict.fromkeys(warnings))

@@ -12,12 +12,18 @@ from ..errors import InputError
 from ..measurement.dataset import Dataset
 from ..measurement.geometry import Radial
 from ..scene.stack import Stack
-from ..solver import Domain, Solver
+from ..solver import Choice, Domain, Solver
 from ..transport.auto import Auto
 from .model import Model, Scene
 from .parameters import FreeParameter, Tie, free_parameters, parse_ties
 
 RELATIVE_NOISE = 1.0  # placeholder where the noise is estimated from the fit
+
+
+def _resolution(data: Sequence[Dataset]) -> float | None:
+    """Relative error that the best of the data resolve: the least median sd of a dataset; None where none has an sd."""
+    shares = [float(np.median(d.sd / np.maximum(np.abs(d.values), 1e-300))) for d in data if d.sd is not None]
+    return min(shares) if shares else None
 
 
 class Problem(eqx.Module):
@@ -31,7 +37,7 @@ class Problem(eqx.Module):
         (``stack.names``), and of each dataset ``name.amplitude`` (factor on the prediction), ``name.offset`` (added to r) and ``name.background``
         (added to the prediction).
     ties : ``{"layer.number": "other.number"}`` or ``(other, factor)``: numbers that follow others.
-    solver : how the data are predicted.
+    solver : how the data are predicted. choice : the one of a solver that chooses, where it is known already.
 
     Raises InputError where something does not fit together, before anything runs.
 
@@ -47,7 +53,7 @@ class Problem(eqx.Module):
     parameters: tuple[FreeParameter, ...]
     ties: tuple[Tie, ...]
     solver: Solver
-    chosen: Solver
+    choice: Choice
     model: Model
 
     def __init__(
@@ -58,6 +64,7 @@ class Problem(eqx.Module):
         free: Mapping[str, Any],
         ties: Mapping[str, Any] | None = None,
         solver: Solver | None = None,
+        choice: Choice | None = None,
     ):
         self.stack = stack if isinstance(stack, Stack) else Stack((stack,))
         self.data = (data,) if isinstance(data, Dataset) else tuple(data)
@@ -72,13 +79,30 @@ class Problem(eqx.Module):
         start = self.stack.set({p.name: p.init for p in self.parameters if p.name in self.stack.names})
         for geometry in geometries:
             self.solver.check(start, geometry)
-        self.chosen = self.solver.resolve(start, geometries)
+        self.choice = self.solver.choose(start, geometries, _resolution(self.data)) if choice is None else choice
         scene = Scene(self.stack, self.parameters, self.ties)
         forward = self.chosen.forward(self._domain(scene), geometries, [self._shift(d) for d in self.data])
         if not forward.differentiable:
             raise InputError(f"solver {self.chosen.name} has no derivatives; allowed for a fit are the other solvers")
         sd = [RELATIVE_NOISE * d.values if d.sd is None else d.sd for d in self.data]
         self.model = Model(scene, self.parameters, forward, self.data, sd)
+
+    def again(self, stack: Stack) -> "Problem | None":
+        """The same problem from a fitted stack with a better solver, where the chosen one is not good enough there; None where it is."""
+        better = self.solver.choose_again(self.choice, stack, [d.geometry for d in self.data], _resolution(self.data))
+        if better is None:
+            return None
+        free = {}
+        for p in self.parameters:
+            init = float(np.clip(stack.get(p.name), p.low, p.high)) if p.name in self.stack.names else p.init
+            free[p.name] = {"min": p.low, "max": p.high, "init": init, "scale": p.scale}
+        ties = {tie.name: (tie.source, tie.factor) for tie in self.ties}
+        return Problem(self.stack, self.data, free=free, ties=ties, solver=self.solver, choice=better)
+
+    @property
+    def chosen(self) -> Solver:
+        """The solver that runs."""
+        return self.choice.solver
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -176,7 +176,7 @@ class Radial(Geometry):
             t = np.clip(r / a, -1.0, 1.0)
             return float(0.5 + (t * np.sqrt(1.0 - t**2) + np.arcsin(t)) / np.pi)
         if isinstance(self.source, Disk):
-            return _lens(r, a, self.source.radius) / (np.pi * a**2 * np.pi * self.source.radius**2)
+            return lens_area(r, a, self.source.radius) / (np.pi * a**2 * np.pi * self.source.radius**2)
         rho, w_rho = _gauss(64)
         angle, w_angle = _gauss(64)
         rho, angle = a * rho[:, None], np.pi * angle
@@ -189,7 +189,7 @@ def _gauss(n: int) -> tuple[np.ndarray, np.ndarray]:
     return 0.5 * (x + 1.0), 0.5 * w
 
 
-def _lens(distance: float, a: float, b: float) -> float:
+def lens_area(distance: float, a: float, b: float) -> float:
     """Area common to two disks."""
     if distance >= a + b:
         return 0.0

@@ -40,8 +40,12 @@ def allot(nodes: int, edges: np.ndarray) -> tuple[int, ...]:
     >>> allot(16, np.array([1.0, 1.5]))
     (7, 9)
     """
-    angle = np.diff(np.arcsin(np.minimum(np.concatenate([[0.0], edges]) / edges[-1], 1.0)))
-    return tuple(int(max(min(4, nodes), np.ceil(nodes * share - 0.5))) for share in angle / angle.sum())
+    return tuple(int(max(min(4, nodes), np.ceil(nodes * share - 0.5))) for share in panel_shares(edges))
+
+
+def panel_shares(edges: np.ndarray) -> np.ndarray:
+    """Width of each panel in angle in the densest medium, as a share of the right angle."""
+    return np.diff(np.arcsin(np.minimum(np.concatenate([[0.0], edges]) / edges[-1], 1.0))) / (0.5 * np.pi)
 
 
 def ordinates(n: Float[Array, "media"], groups: tuple[int, ...], counts: tuple[int, ...]) -> Ordinates:
@@ -79,6 +83,34 @@ def ordinates(n: Float[Array, "media"], groups: tuple[int, ...], counts: tuple[i
     real = rank[jnp.array(groups)][:, None] >= panel
     mu = jnp.where(real, jnp.sqrt(jnp.where(real, above, 1.0)) / n[:, None], 1.0)
     return Ordinates(n, jnp.concatenate(W), jnp.concatenate(p), mu, real, top)
+
+
+def collected_share(rule: Ordinates, counts: tuple[int, ...], medium: int, na: float) -> Float[Array, "ordinates"]:
+    """Share of each direction's weight for light that leaves with n sin(theta) up to na: radiance is interpolated within the panel that na cuts.
+
+    medium : the one that light leaves to.
+    """
+    n = rule.n[medium]
+    shares, low = [], jnp.zeros(())
+    for k, count in enumerate(counts):
+        x, weight = _gauss(count)
+        high = rule.edges[k]
+        span2 = (high - low) * (high + low)
+        cut = jnp.sqrt(jnp.clip((high - na) * (high + na) / span2, 0.0, 1.0))  # directions are collected from this x to 1
+        y, w = _gauss(count + 1)
+        y = cut + (1.0 - cut) * y
+        basis = np.polynomial.legendre.legvander(2.0 * x - 1.0, count - 1) * weight[:, None] * (2.0 * np.arange(count) + 1.0)
+        at = _legendre(2.0 * y - 1.0, count)
+        shares.append(basis @ at @ ((1.0 - cut) * w * y) / (weight * x) * (high <= n))
+        low = high
+    return jnp.concatenate(shares)
+
+
+def _legendre(x: Float[Array, "*s"], count: int) -> Float[Array, "count *s"]:
+    rows = [jnp.ones_like(x), x]
+    for l in range(1, count - 1):
+        rows.append(((2 * l + 1) * x * rows[l] - l * rows[l - 1]) / (l + 1))
+    return jnp.stack(rows[:count])
 
 
 def cosine(n: Float[Array, "..."], p: Float[Array, "..."]) -> tuple[Float[Array, "..."], Bool[Array, "..."]]:

@@ -1,28 +1,132 @@
 """Choosing a solver."""
 
+import time
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
+import equinox as eqx
+import jax
+import numpy as np
+
+from ..errors import InputError
 from ..measurement.geometry import Geometry
+from ..scene.columns import to_columns
 from ..scene.stack import Stack
-from ..solver import Domain, Forward, Solver
+from ..solver import Choice, Domain, Forward, Solver
+from .diffusion_error import known_error
+from .discrete_ordinates import DiscreteOrdinates
 from .layered_diffusion import LayeredDiffusion
+
+TOLERANCE = 0.01
+
+
+class Candidate(NamedTuple):
+    """A rung of the ladder tried on a scene. error : largest stated relative error of all values. seconds : of a warm prediction, None if not run."""
+
+    solver: Solver
+    error: float
+    seconds: float | None
 
 
 class Auto(Solver):
-    """The cheapest solver whose error is small enough. In this version it knows one rung, LayeredDiffusion, and says so."""
+    """The cheapest solver whose stated error is small enough: diffusion where it is known to hold, else discrete ordinates, coarse before fine.
+
+    What is left out of one fit's data, as third of their standard deviation, sets how small; without data, `tolerance` does.
+
+    Arguments
+    ---------
+    tolerance : largest relative error of any value [1]. Left out: a third of what the data resolve, 1 % without data.
+
+    Raises InputError for a tolerance that is not above 0.
+
+    >>> import layerfit as lf
+    >>> deep = lf.Stack([lf.HalfSpace("deep", sigma_a=0.01, sigma_s_prime=1, g=0.8, n=1.4)])
+    >>> lf.predict(deep, lf.RadialReflectance(r=[10.0]), solver=lf.Auto(tolerance=0.1))[0].solver.name
+    'layered-diffusion'
+    """
 
     name: ClassVar[str] = "auto"
+    tolerance: float | None = eqx.field(default=None, static=True)
 
-    def resolve(self, stack: Stack, geometries: Sequence[Geometry]) -> Solver:
-        return LayeredDiffusion()
+    def __check_init__(self):
+        if self.tolerance is not None and not (isinstance(self.tolerance, int | float) and 0.0 < self.tolerance < np.inf):
+            raise InputError(f"Auto: tolerance = {self.tolerance!r}; allowed is a number above 0")
+
+    @staticmethod
+    def ladder() -> tuple[Solver, ...]:
+        """Solvers from the cheapest to the best."""
+        return (
+            LayeredDiffusion(),
+            DiscreteOrdinates(streams=12, orders=4, frequencies=16),
+            DiscreteOrdinates(),
+            DiscreteOrdinates(streams=40, orders=7, frequencies=64),
+        )
 
     def check(self, stack: Stack, geometry: Geometry) -> None:
-        self.resolve(stack, [geometry]).check(stack, geometry)
+        reasons = []
+        for solver in (DiscreteOrdinates(), LayeredDiffusion()):
+            try:
+                return solver.check(stack, geometry)
+            except InputError as error:
+                reasons.append(str(error))
+        raise InputError("; ".join(dict.fromkeys(reasons)))
 
-    def notes(self, stack: Stack, geometry: Geometry) -> tuple[str, ...]:
-        said = "solver auto: layered-diffusion was taken; this version does not choose among solvers yet"
-        return (said, *self.resolve(stack, [geometry]).notes(stack, geometry))
+    def choose(self, stack: Stack, geometries: Sequence[Geometry], resolution: float | None = None) -> Choice:
+        return self._from(0, stack, geometries, self.allowed(resolution))
+
+    def choose_again(self, before: Choice, stack: Stack, geometries: Sequence[Geometry], resolution: float | None = None) -> Choice | None:
+        last = before.rung + 1 >= len(self.ladder())
+        if last or candidate(before.solver, stack, geometries).error <= self.allowed(resolution):
+            return None
+        return self._from(before.rung + 1, stack, geometries, self.allowed(resolution))
+
+    def allowed(self, resolution: float | None) -> float:
+        """Largest relative error that may remain."""
+        return self.tolerance or (TOLERANCE if resolution is None else resolution / 3.0)
+
+    def _from(self, lowest: int, stack: Stack, geometries: Sequence[Geometry], allowed: float) -> Choice:
+        """The first rung from ``lowest`` on that will do, else the best there is."""
+        tried: list[tuple[int, Candidate]] = []
+        refused = ""
+        for rung, solver in list(enumerate(self.ladder()))[lowest:]:
+            try:
+                for geometry in geometries:
+                    solver.check(stack, geometry)
+            except InputError as error:
+                refused = str(error)
+                continue
+            tried.append((rung, candidate(solver, stack, geometries)))
+            if tried[-1][1].error <= allowed:
+                break
+        if not tried:
+            raise InputError(refused)
+        rung, taken = min(tried, key=lambda pair: pair[1].error) if not tried[-1][1].error <= allowed else tried[-1]
+        return Choice(taken.solver, (_why(taken, [one for _, one in tried if one is not taken], allowed, refused),), rung)
 
     def forward(self, domain: Domain, geometries: Sequence[Geometry], shifts: Sequence[tuple[float, float]]) -> Forward:
-        return self.resolve(domain.stack, geometries).forward(domain, geometries, shifts)
+        return self.choose(domain.stack, geometries).solver.forward(domain, geometries, shifts)
+
+
+def candidate(solver: Solver, stack: Stack, geometries: Sequence[Geometry]) -> Candidate:
+    """A solver tried on a scene: diffusion by what is known of it, others by running them."""
+    columns = to_columns(stack)
+    if isinstance(solver, LayeredDiffusion):
+        return Candidate(solver, max(float(np.max(known_error(columns, geometry))) for geometry in geometries), None)
+    forward = solver.forward(Domain(stack, columns, columns), geometries, [(0.0, 0.0)] * len(geometries))
+    found = forward.evaluate(columns)
+    worst = 0.0
+    for values, errors in zip(found.values, found.errors, strict=True):
+        worst = max(worst, float(np.max(np.abs(errors) / np.maximum(np.abs(values), 1e-300))) if errors is not None else np.inf)
+    start = time.perf_counter()
+    jax.block_until_ready(forward(columns))
+    return Candidate(solver, worst if np.isfinite(worst) else np.inf, time.perf_counter() - start)
+
+
+def _why(taken: Candidate, passed_over: list[Candidate], allowed: float, refused: str) -> str:
+    """The choice in words."""
+    cost = "" if taken.seconds is None else f", {1e3 * taken.seconds:.2g} ms a prediction"
+    said = f"solver auto took {taken.solver!r}: stated error at most {100 * taken.error:.2g} %, {100 * allowed:.2g} % allowed{cost}"
+    said += "".join(f"; {one.solver.name} is off by {100 * one.error:.2g} %" for one in passed_over[:1])
+    if not taken.error <= allowed:
+        said += "; nothing better is there than this" + (f" ({refused})" if refused else "")
+    return said

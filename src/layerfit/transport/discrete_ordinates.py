@@ -16,14 +16,17 @@ from ..measurement.geometry import Angular, Geometry, Total, TotalReflectance
 from ..scene.columns import Columns
 from ..scene.stack import Stack
 from ..solver import Domain, Evaluation, Forward, Solver
+from .fineness import coarser, fineness
+from .joint import joined
 from .matrix import Matrix
+from .ordinate_profiles import profiles_forward
 from .ordinate_stack import Grid, Layout, beam_sines, coarsened, lay_out, make_faces, make_grid, media, medium, pieces
 from .response import Response, compose_all, reflection
 from .single_scattering import correction
 
 
 class DiscreteOrdinates(Solver):
-    """Radiative transport by discrete ordinates: totals and angular distributions of any stack of layers.
+    """Radiative transport by discrete ordinates: totals, angular distributions, and light that walks sideways, of any stack of layers.
 
     Exact at albedo 1 and for any thickness; layers may differ in index, be clear, thin or strongly forward scattering, faces may be rough. Every
     layer that scatters needs its g.
@@ -32,9 +35,12 @@ class DiscreteOrdinates(Solver):
     ---------
     streams : directions in both hemispheres of the densest medium, even, at least 4 (as NSTR of DISORT; a panel of directions between two indices
         takes at least 8). Left out: 32 to 128, by g and the indices.
+        For distances and spatial frequencies 16 to 32.
+    orders : azimuthal orders of light that walks sideways, at least 2. Left out: 5. Totals and angles take what they need.
+    frequencies : at which distances are computed, even, at least 8. Left out: 32.
     phase : tabulated Legendre moments (1, g, ...) of the phase functions of layers, by layer name, in place of Henyey and Greenstein's.
 
-    Raises InputError for a number of streams that is not even or below 4.
+    Raises InputError for numbers outside these.
 
     >>> import layerfit as lf
     >>> slab = lf.Stack([lf.Layer("slab", sigma_a=1, sigma_s=9, g=0.75, n=1, thickness=0.2)])
@@ -50,12 +56,21 @@ class DiscreteOrdinates(Solver):
         "T. Nakajima, M. Tanaka, J. Quant. Spectrosc. Radiat. Transfer 40, 51 (1988)",
     )
     streams: int | None = eqx.field(static=True)
+    orders: int | None = eqx.field(static=True)
+    frequencies: int | None = eqx.field(static=True)
     phase: tuple[tuple[str, tuple[float, ...]], ...] = eqx.field(static=True)
 
-    def __init__(self, *, streams: int | None = None, phase: dict[str, Sequence[float]] | None = None):
-        if streams is not None and (isinstance(streams, bool) or not isinstance(streams, int) or streams < 4 or streams % 2):
-            raise InputError(f"DiscreteOrdinates: streams = {streams!r}; allowed is an even whole number, 4 or more")
-        self.streams = streams
+    def __init__(
+        self,
+        *,
+        streams: int | None = None,
+        orders: int | None = None,
+        frequencies: int | None = None,
+        phase: dict[str, Sequence[float]] | None = None,
+    ):
+        self.streams = _count(streams, "streams", 4, even=True)
+        self.orders = _count(orders, "orders", 2, even=False)
+        self.frequencies = _count(frequencies, "frequencies", 8, even=True)
         self.phase = tuple((name, tuple(float(chi) for chi in table)) for name, table in (phase or {}).items())
         for name, table in self.phase:
             if len(table) < 1 or table[0] != 1.0 or not np.all(np.abs(table[1:]) < 1.0):
@@ -64,8 +79,6 @@ class DiscreteOrdinates(Solver):
                 )
 
     def check(self, stack: Stack, geometry: Geometry) -> None:
-        if not isinstance(geometry, Total | Angular):
-            raise InputError(f"solver {self.name} cannot predict {geometry.kind}; allowed: totals and angular distributions")
         names = [layer.name for layer in stack.layers]
         for name, _ in self.phase:
             if name not in names:
@@ -86,10 +99,30 @@ class DiscreteOrdinates(Solver):
         return [replace(layout, orders=_orders(geometry, domain, layout.terms, tabulated)) for geometry in geometries]
 
     def forward(self, domain: Domain, geometries: Sequence[Geometry], shifts: Sequence[tuple[float, float]]) -> Forward:
+        def make(sideways: int, chosen: tuple[int, ...]) -> Forward:
+            mine = [geometries[j] for j in chosen]
+            return self._sideways(domain, mine, [shifts[j] for j in chosen]) if sideways else self._even(domain, mine)
+
+        return joined([0 if isinstance(geometry, Total | Angular) else 1 for geometry in geometries], make)
+
+    def _even(self, domain: Domain, geometries: Sequence[Geometry]) -> Forward:
+        """Evenly lit samples: totals and angles."""
         layouts = self.layouts(domain, geometries, range(len(domain.stack.layers)))
         fine = tuple(_plan(domain, *pair) for pair in zip(geometries, layouts, strict=True))
         coarse = tuple(_plan(domain, geometry, coarsened(layout)) for geometry, layout in zip(geometries, layouts, strict=True))
         return OrdinatesForward(fine, coarse)
+
+    def _sideways(self, domain: Domain, geometries: Sequence[Geometry], shifts: Sequence[tuple[float, float]]) -> Forward:
+        """Distances and spatial frequencies."""
+        fine = fineness(domain, tables_of(self, domain.stack), self.streams, self.orders, self.frequencies)
+        return profiles_forward(domain, geometries, shifts, fine, coarser(domain, fine))
+
+
+def _count(value: int | None, name: str, least: int, *, even: bool) -> int | None:
+    """A setting that is a number of things. Raises InputError."""
+    if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < least or (even and value % 2)):
+        raise InputError(f"DiscreteOrdinates: {name} = {value!r}; allowed is {'an even' if even else 'a'} whole number, {least} or more")
+    return value
 
 
 def tables_of(solver: DiscreteOrdinates, stack: Stack) -> tuple[tuple[float, ...] | None, ...]:

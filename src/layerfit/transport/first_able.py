@@ -1,20 +1,14 @@
 """Several solvers for the measurements of one sample."""
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, TypeVar
-
-import equinox as eqx
-import numpy as np
-from jax import Array
-from jaxtyping import Float
+from typing import Any, ClassVar
 
 from ..errors import InputError
 from ..measurement.geometry import Geometry
-from ..scene.columns import Columns
 from ..scene.stack import Stack
-from ..solver import Domain, Evaluation, Forward, Solver
-
-T = TypeVar("T")
+from ..solver import Choice, Domain, Forward, Solver
+from .auto import Auto
+from .joint import joined
 
 
 class FirstAble(Solver):
@@ -31,10 +25,10 @@ class FirstAble(Solver):
 
     >>> import layerfit as lf
     >>> skin = lf.Stack([lf.HalfSpace("skin", sigma_a=0.01, sigma_s_prime=1, g=0.8, n=1.4)])
-    >>> both = [lf.TotalReflectance(), lf.RadialReflectance(r=[2.0, 5.0])]
-    >>> total, radial = lf.predict(skin, both, solver=lf.FirstAble(lf.DiscreteOrdinates(), lf.LayeredDiffusion()))
-    >>> total.values.round(4), radial.values.round(5), total.notes, radial.notes
-    (array([0.6039]), array([0.00915, 0.00137]), ('predicted by discrete-ordinates',), ('predicted by layered-diffusion',))
+    >>> both = [lf.RadialReflectance(r=[2.0, 5.0]), lf.AngularReflectance([30.0])]
+    >>> radial, angular = lf.predict(skin, both, solver=lf.FirstAble(lf.LayeredDiffusion(), lf.DiscreteOrdinates()))
+    >>> radial.values.round(5), angular.values.round(3), radial.notes, angular.notes
+    (array([0.00915, 0.00137]), array([0.211]), ('predicted by layered-diffusion',), ('predicted by discrete-ordinates',))
     """
 
     name: ClassVar[str] = "first-able"
@@ -53,8 +47,11 @@ class FirstAble(Solver):
     def __repr__(self) -> str:
         return f"FirstAble({', '.join(map(repr, self.solvers))})"
 
-    def resolve(self, stack: Stack, geometries: Sequence[Geometry]) -> Solver:
-        return FirstAble(*(solver.resolve(stack, geometries) for solver in self.solvers))
+    def choose(self, stack: Stack, geometries: Sequence[Geometry], resolution: float | None = None) -> Choice:
+        if not any(isinstance(solver, Auto) for solver in self.solvers):
+            return Choice(self, ())
+        choices = [solver.choose(stack, geometries, resolution) for solver in self.solvers]
+        return Choice(FirstAble(*(choice.solver for choice in choices)), tuple(note for choice in choices for note in choice.notes))
 
     def taken(self, stack: Stack, geometry: Geometry) -> Solver:
         """The solver that predicts a measurement."""
@@ -77,37 +74,4 @@ class FirstAble(Solver):
 
     def forward(self, domain: Domain, geometries: Sequence[Geometry], shifts: Sequence[tuple[float, float]]) -> Forward:
         taken = [self.solvers.index(self.taken(domain.stack, geometry)) for geometry in geometries]
-        parts, places = [], []
-        for i in sorted(set(taken)):
-            mine = tuple(j for j, solver in enumerate(taken) if solver == i)
-            parts.append(self.solvers[i].forward(domain, [geometries[j] for j in mine], [shifts[j] for j in mine]))
-            places.append(mine)
-        return JointForward(tuple(parts), tuple(places))
-
-
-class JointForward(Forward):
-    """See `Forward`. places : which geometries each part predicts."""
-
-    parts: tuple[Forward, ...]
-    places: tuple[tuple[int, ...], ...] = eqx.field(static=True)
-
-    @property
-    def differentiable(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Whether all parts are."""
-        return all(part.differentiable for part in self.parts)
-
-    def __call__(self, columns: Columns, shifts: Sequence[Float[Array, ""] | None] | None = None) -> tuple[Array, ...]:
-        return self._ordered([part(columns, shifts and [shifts[j] for j in mine]) for part, mine in zip(self.parts, self.places, strict=True)])
-
-    def error(self, columns: Columns) -> tuple[np.ndarray | None, ...]:
-        return self.evaluate(columns).errors
-
-    def evaluate(self, columns: Columns) -> Evaluation:
-        done = [part.evaluate(columns) for part in self.parts]
-        notes = tuple(note for one in done for note in one.notes)
-        return Evaluation(self._ordered([one.values for one in done]), self._ordered([one.errors for one in done]), notes)
-
-    def _ordered(self, rows: Sequence[Sequence[T]]) -> tuple[T, ...]:
-        """What each part gives for its geometries, in the order of all."""
-        found = {j: value for mine, row in zip(self.places, rows, strict=True) for j, value in zip(mine, row, strict=True)}
-        return tuple(found[j] for j in range(len(found)))
+        return joined(taken, lambda i, chosen: self.solvers[i].forward(domain, [geometries[j] for j in chosen], [shifts[j] for j in chosen]))

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 
 from ..arrays import AnyArray
 from ..optics.phase import delta_m, henyey_greenstein_moments, legendre_functions
-from ..optics.quadrature import Ordinates, allot, cosine, ordinates
+from ..optics.quadrature import Ordinates, allot, cosine, ordinates, panel_shares
 from ..scene.columns import Columns
 from ..solver import Domain
 from .discrete_ordinates_interface import fresnel_shares, smooth_interface
@@ -77,6 +77,14 @@ def terms_of(counts: tuple[int, ...]) -> int:
     return 2 * counts[0] if len(counts) == 1 else 3 * sum(counts) // 2
 
 
+def resolved_terms(counts: tuple[int, ...], edges: np.ndarray) -> int:
+    """The same for panels of any width, by the one that resolves angles least: narrow panels hold more directions than their share.
+
+    edges : see `optics.quadrature.allot`.
+    """
+    return terms_of(counts) if len(counts) == 1 else int(1.5 * np.min(np.array(counts) / panel_shares(edges)) + 1e-9)
+
+
 def middle(domain: Domain) -> Columns:
     """Middle of a domain."""
     return jax.tree.map(lambda a, b: 0.5 * (a + b), domain.low, domain.high)
@@ -119,13 +127,14 @@ def channels(grid: Grid, beams: int, values: Array) -> Array:
 
 class Medium(NamedTuple):
     """Optical numbers of layers after the delta-M scaling. tau : optical thickness of the finite ones. absorbed : 1 - albedo.
-    forward : share of what is scattered that delta-M counts as not scattered."""
+    forward : share of what is scattered that delta-M counts as not scattered. extinction : [1/mm]."""
 
     tau: Float[Array, "finite"]
     albedo: Float[Array, "layers"]
     absorbed: Float[Array, "layers"]
     moments: Float[Array, "layers l"]
     forward: Float[Array, "layers"]
+    extinction: Float[Array, "layers"]
 
 
 def medium(layout: Layout, columns: Columns) -> Medium:
@@ -147,7 +156,7 @@ def medium(layout: Layout, columns: Columns) -> Medium:
     absorbed = (columns.sigma_a + extra) / (extinction * left)
     tau = (extinction * left)[:finite] * columns.thickness
     tau = tau + jax.lax.stop_gradient(jnp.maximum(_DEPTH_OF_NOTHING - tau, 0.0))
-    return Medium(tau, albedo, absorbed, moments, forward)
+    return Medium(tau, albedo, absorbed, moments, forward, extinction * left)
 
 
 def _padded(table: tuple[float, ...], count: int) -> Float[Array, "l"]:

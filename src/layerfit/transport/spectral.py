@@ -57,7 +57,8 @@ class SpectralSolver(Solver):
         return None
 
     def forward(self, domain: Domain, geometries: Sequence[Geometry], shifts: Sequence[tuple[float, float]]) -> Forward:
-        plans = [_plan(self, domain, geometry, shift) for geometry, shift in zip(geometries, shifts, strict=True)]
+        span = self.span(domain) if any(isinstance(geometry, Radial) for geometry in geometries) else None
+        plans = [functional(geometry, shift, span) for geometry, shift in zip(geometries, shifts, strict=True)]
         return SpectralForward(self, tuple(geometries), tuple(plans))
 
 
@@ -108,38 +109,50 @@ def by_frequency(function: Callable[[Numbers, Float[Array, "*k"]], Float[Array, 
     return evaluate(leaves, jax.lax.stop_gradient(k))
 
 
-class _Plan(eqx.Module):
-    """values = weights @ diffuse(k) + direct unscattered; with a free offset one set of weights for each Chebyshev node."""
+class Functional(eqx.Module):
+    """A geometry as a linear functional of the spectrum: weights @ diffuse(k) + direct unscattered; with a free offset of its distances one set of
+    weights for each Chebyshev node."""
 
     k: Float[AnyArray, "k"]
     weights: Float[AnyArray, "..."]
     direct: Float[AnyArray, "..."]
     nodes: Float[AnyArray, "c"] | None
     barycentric: Float[AnyArray, "c"] | None
+    shifted: tuple[Geometry, ...]
+
+    def at(self, shift: Float[Array, ""] | None, values: Float[Array, "..."]) -> Float[Array, "values"]:
+        """Values at an offset from those at the nodes."""
+        if self.nodes is None:
+            return values
+        assert self.barycentric is not None and shift is not None
+        return _barycentric(shift, self.nodes, self.barycentric) @ values
 
 
-def _plan(solver: SpectralSolver, domain: Domain, geometry: Geometry, shift: tuple[float, float]) -> _Plan:
+def functional(geometry: Geometry, shift: tuple[float, float], span: Span | None) -> Functional:
+    """shift : range of the offset [mm]. span : for distances, what spectra need. shifted : the geometry at each node (one without an offset)."""
     if isinstance(geometry, SpatialFrequency):
-        return _Plan(geometry.k, np.eye(geometry.size), np.ones(geometry.size), None, None)
+        return Functional(geometry.k, np.eye(geometry.size), np.ones(geometry.size), None, None, (geometry,))
     if not isinstance(geometry, Radial):
-        return _Plan(np.zeros(1), np.ones((1, 1)), np.ones(1), None, None)
-    span = solver.span(domain)
+        return Functional(np.zeros(1), np.ones((1, 1)), np.ones(1), None, None, (geometry,))
+    assert span is not None
     low, high = shift
     if low == high:
         moved = geometry if low == 0.0 else geometry.shifted(low)
         rule = quadrature(moved.kernel(), span)
-        return _Plan(rule.k, rule.weights, moved.direct(), None, None)
+        return Functional(rule.k, rule.weights, moved.direct(), None, None, (moved,))
     angle = np.pi * (np.arange(_SHIFT_NODES) + 0.5) / _SHIFT_NODES
     nodes = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(angle)
     # one common set of panels for all nodes: that of the largest distances
     far = geometry.shifted(high)
-    rules = [quadrature(geometry.shifted(float(t)).kernel(), span, r_max=_reach(far)) for t in nodes]
-    return _Plan(
+    moved = tuple(geometry.shifted(float(t)) for t in nodes)
+    rules = [quadrature(one.kernel(), span, r_max=_reach(far)) for one in moved]
+    return Functional(
         rules[0].k,
         np.stack([rule.weights for rule in rules]),
-        np.stack([geometry.shifted(float(t)).direct() for t in nodes]),
+        np.stack([one.direct() for one in moved]),
         nodes,
         (-1.0) ** np.arange(_SHIFT_NODES) * np.sin(angle),
+        moved,
     )
 
 
@@ -152,19 +165,17 @@ class SpectralForward(Forward):
 
     solver: SpectralSolver
     geometries: tuple[Geometry, ...]
-    plans: tuple[_Plan, ...]
+    plans: tuple[Functional, ...]
 
     def __call__(self, columns: Columns, shifts: Sequence[Float[Array, ""] | None] | None = None) -> tuple[Array, ...]:
         shifts = [None] * len(self.plans) if shifts is None else shifts
         return tuple(self._one(columns, geometry, plan, shift) for geometry, plan, shift in zip(self.geometries, self.plans, shifts, strict=True))
 
-    def _one(self, columns: Columns, geometry: Geometry, plan: _Plan, shift: Float[Array, ""] | None) -> Float[Array, "values"]:
+    def _one(self, columns: Columns, geometry: Geometry, plan: Functional, shift: Float[Array, ""] | None) -> Float[Array, "values"]:
         images = self.solver.images(columns, geometry) if _images_apply(geometry) and plan.nodes is None else None
         spectrum = self.solver.spectrum(columns, jnp.asarray(plan.k), geometry, without_images=images is not None)
         values = plan.weights @ spectrum.diffuse + plan.direct * spectrum.unscattered
-        if plan.nodes is not None:
-            assert plan.barycentric is not None and shift is not None
-            values = _barycentric(shift, plan.nodes, plan.barycentric) @ values
+        values = plan.at(shift, values)
         if images is not None:
             values = values + images.profile(geometry)
         if isinstance(geometry, TotalReflectance) and geometry.specular == "included":

@@ -1,0 +1,58 @@
+"""How finely discrete ordinates are to compute distances and spatial frequencies."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import numpy as np
+
+from ..scene.columns import Columns
+from ..solver import Domain
+from .ordinate_stack import Layout, lay_out, media, middle, resolved_terms
+
+
+class Fineness(eqx.Module):
+    """layout : directions and azimuthal orders. count : frequencies, even."""
+
+    layout: Layout
+    count: int = eqx.field(static=True)
+
+
+_THIN, _SLAB = 0.3, 3.0  # transport optical thickness of a layer, and of a whole sample, below which light goes far sideways unscattered
+_WIDE = 4.0  # ratio of scales from which more frequencies are needed
+
+
+def fineness(
+    domain: Domain, tables: tuple[tuple[float, ...] | None, ...], streams: int | None, orders: int | None, frequencies: int | None
+) -> Fineness:
+    """What is asked for; else what was found to be enough for 0.5 % beyond half a transport mean free path."""
+    low, high = domain.low, domain.high
+    depth = np.asarray(low.thickness * low.sigma_t_prime[: low.thickness.shape[0]])
+    thin, slab = bool(np.any(depth < _THIN)), not low.half_space and float(np.sum(depth)) < _SLAB
+    dense, clear = scales(middle(domain))
+    wide = dense > _WIDE * clear
+    enough = 32 if thin else 24 if float(np.max(np.asarray(high.g))) > 0.85 else 16
+    layout = _resolved(domain, lay_out(domain, streams or enough, 1, tables))
+    layout = replace(layout, orders=min(orders or (6 if slab else 5), layout.terms))
+    return Fineness(layout, frequencies or (64 if slab else 48 if wide or thin else 32))
+
+
+def scales(columns: Columns) -> tuple[float, float]:
+    """Largest and smallest extinction sigma_t' [1/mm] of the layers that light diffuses in, thin ones left out."""
+    extinction = np.asarray(columns.sigma_t_prime)
+    depth = np.append(np.asarray(columns.thickness) * extinction[: columns.thickness.shape[0]], np.inf if columns.half_space else [])
+    diffusing = extinction[depth >= _THIN] if np.any(depth >= _THIN) else extinction
+    return float(np.max(extinction)), float(np.min(diffusing))
+
+
+def coarser(domain: Domain, fine: Fineness) -> Fineness:
+    """Three quarters of the directions and one order less."""
+    counts = tuple(max(2, round(0.75 * count)) for count in fine.layout.counts)
+    layout = _resolved(domain, replace(fine.layout, counts=counts))
+    return Fineness(replace(layout, orders=max(2, min(fine.layout.orders - 1, layout.terms))), fine.count)
+
+
+def _resolved(domain: Domain, layout: Layout) -> Layout:
+    """With the moments that its directions resolve."""
+    n = media(middle(domain))
+    edges = np.sort([float(n[layout.groups.index(group)]) for group in range(len(layout.counts))])
+    return replace(layout, terms=resolved_terms(layout.counts, edges))

@@ -1,0 +1,141 @@
+"""Response of a homogeneous layer in discrete ordinates at one spatial frequency, all azimuthal orders together.
+
+With y_m = i^m I_m, I_m the orders of the radiance in cos(m phi), all is real: the matrices P and M of every order (see `ordinate_functions`) stand on
+the diagonal, and streaming sideways adds the same antisymmetric k J to both. With s and d the sum and the difference of down- and upwelling light,
+ds/dz = -A d and dd/dz = -B s, A = P + k J, B = M + k J, in 1/mm. A layer of half thickness h has Y = h phi(X) A, Z = h B phi(X), X = h^2 A B,
+phi(x) = tanh(sqrt x)/sqrt x. The beam is one more channel, the last; it feeds the others and is not fed.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from ..optics.linear_algebra import inverse
+
+
+class Sheet(NamedTuple):
+    """One layer in all azimuthal orders. P, M [1/mm] : orders one after another. p, q : borders of the beam, which only feeds order 0. rate : of its
+    attenuation [1/mm]. tangent : of each direction. depth : thickness [mm], 0 for a half space. decay : of diffuse light, squared [1/mm^2]."""
+
+    P: Float[Array, "orders n n"]
+    M: Float[Array, "orders n n"]
+    p: Float[Array, "n"]
+    q: Float[Array, "n"]
+    rate: Float[Array, ""]
+    tangent: Float[Array, "n"]
+    depth: Float[Array, ""]
+    decay: Float[Array, ""]
+
+
+def matrices(sheet: Sheet, k: Float[Array, ""]) -> tuple[Float[Array, "c c"], Float[Array, "c c"]]:
+    """A and B at spatial frequency k [1/mm]."""
+    orders = sheet.P.shape[0]
+    sideways = k * jnp.kron(coupling(orders), jnp.diag(sheet.tangent))
+    return tuple(_bordered(all_orders(diagonal) + sideways, -border, sheet.rate) for diagonal, border in ((sheet.P, sheet.p), (sheet.M, sheet.q)))  # pyright: ignore[reportReturnType]
+
+
+def all_orders(blocks: Float[Array, "orders n n"]) -> Float[Array, "c c"]:
+    """One matrix over all orders from its blocks on the diagonal."""
+    orders, n, _ = blocks.shape
+    return (jnp.eye(orders)[:, None, :, None] * blocks[:, :, None, :]).reshape(orders * n, orders * n)
+
+
+_CLOSING = 0.7
+
+
+def coupling(orders: int) -> np.ndarray:
+    """Streaming along cos(phi) between neighbouring orders, after the factors i^m.
+
+    Cut off at the last order, the chain would reflect what should run on to higher ones: at large k that converges slowly. An unscattered chain hands
+    on the share rho = sqrt(1 + x^2) - x, x = 1/(k tan theta) in mean free paths; here one share serves all directions and frequencies (0.7, between
+    the limits 0 and 1; four orders then do what eight would without it).
+    """
+    steps = np.full(orders - 1, 0.5)
+    steps[:1] = np.sqrt(0.5)
+    chain = np.diag(steps, -1) - np.diag(steps, 1)
+    chain[-1, -1] = 0.5 * _CLOSING
+    return chain
+
+
+def azimuth_modes(orders: int) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues of the coupling and the share of each in what comes back to order 0: cosines of azimuths, times i, with their weights."""
+    modes, vectors = np.linalg.eig(coupling(orders).astype(complex))
+    return modes, vectors[0] * np.linalg.inv(vectors)[:, 0]
+
+
+def _bordered(square: Float[Array, "c c"], fed: Float[Array, "n"], corner: Float[Array, ""]) -> Float[Array, "c1 c1"]:
+    """With the beam as last channel."""
+    size = square.shape[0]
+    column = jnp.concatenate([fed, jnp.zeros(size - fed.shape[0])])
+    return jnp.concatenate([jnp.concatenate([square, column[:, None]], axis=1), jnp.zeros((1, size + 1)).at[0, -1].set(corner)], axis=0)
+
+
+def _rational(A: Float[Array, "c c"], B: Float[Array, "c c"], h: Float[Array, ""]) -> tuple[Float[Array, "c c"], Float[Array, "c c"]]:
+    """Y and Z of a thin layer, phi(x) = (945 + 105 x + x^2)/(945 + 420 x + 15 x^2)."""
+    X = h**2 * (A @ B)
+    X2 = X @ X
+    one = jnp.eye(A.shape[0])
+    phi = inverse(945.0 * one + 420.0 * X + 15.0 * X2) @ (945.0 * one + 105.0 * X + X2)
+    return h * (phi @ A), h * (B @ phi)
+
+
+def _ends(Y: Float[Array, "c c"], Z: Float[Array, "c c"]) -> tuple[Float[Array, "c c"], Float[Array, "c c"]]:
+    """R and T: R + T = (1 - Z)(1 + Z)^-1, R - T = -(1 - Y)(1 + Y)^-1."""
+    one = jnp.eye(Y.shape[0])
+    Zi, Yi = inverse(one + jnp.stack([Z, Y]))
+    return Zi - Yi, Zi + Yi - one
+
+
+def _doubled(Y: Float[Array, "c c"], Z: Float[Array, "c c"]) -> tuple[Float[Array, "c c"], Float[Array, "c c"]]:
+    """Y and Z of twice the thickness: tanh(2 x) = 2 tanh(x)/(1 + tanh(x)^2)."""
+    twice = 2.0 * inverse(jnp.eye(Y.shape[0]) + Y @ Z)
+    return twice @ Y, Z @ twice
+
+
+DEEP = 11  # steps of a half space: 7 for what diffuses, the rest for light straight sideways at large k, whose modes hardly decay
+
+
+def thick_layer(sheet: Sheet, k: Float[Array, ""], steps: int, deep: Float[Array, ""]) -> tuple[Float[Array, "c c"], Float[Array, "c c"]]:
+    """R and T of a layer that dims a beam by half or more, by doubling Y and Z; of a half space where ``deep`` is 1 (0 elsewhere).
+
+    Fast modes of a finite layer are wrong at the start and right in the end: doubling is also Newton's iteration for their limit. In a half space all
+    modes reach it, Y Z = 1, and each step is scaled so that slow and fast ones meet halfway; how fast they are need not be known well.
+
+    References
+    ----------
+    R. Byers, Linear Algebra Appl. 85, 267 (1987); N. J. Higham, Functions of Matrices (2008), section 5.5.
+    """
+    A, B = matrices(sheet, k)
+    Y, Z = _rational(A, B, 0.5 * sheet.depth / 2.0**steps)
+    Y, Z = (jnp.where(deep, whole, start) for whole, start in ((A, Y), (B, Z)))
+    fastest = jax.lax.stop_gradient(jnp.max(jnp.sum(jnp.abs(A), axis=1)) * jnp.max(jnp.sum(jnp.abs(B), axis=1)))
+    slowest = jax.lax.stop_gradient(jnp.minimum(k**2 + sheet.decay, fastest))
+
+    def step(state, _):
+        Y, Z, low, high = state
+        scale = jnp.where(deep, (low * high) ** -0.25, 1.0)
+        low, high = low * scale**2, high * scale**2
+        Y, Z = _doubled(scale * Y, scale * Z)
+        return (Y, Z, jnp.minimum(4.0 * low / (1.0 + low) ** 2, 4.0 * high / (1.0 + high) ** 2), jnp.ones_like(high)), None
+
+    (Y, Z, _, _), _ = jax.lax.scan(step, (Y, Z, slowest, fastest), length=steps)
+    R, T = _ends(Y, Z)
+    return jnp.where(deep, R + T, R), jnp.where(deep, 0.0, T)
+
+
+def thin_layer(sheet: Sheet, k: Float[Array, ""], steps: int) -> tuple[Float[Array, "c c"], Float[Array, "c c"]]:
+    """R and T of a layer that may be clear, by doubling R and T: there Y and Z have poles, where light sideways has gone through half a period."""
+    A, B = matrices(sheet, k)
+    one = jnp.eye(A.shape[0])
+
+    def double(pair, _):
+        R, T = pair
+        passed = T @ inverse(one - R @ R)
+        return (R + passed @ R @ T, passed @ T), None
+
+    pair, _ = jax.lax.scan(double, _ends(*_rational(A, B, 0.5 * sheet.depth / 2.0**steps)), length=steps)
+    return pair

@@ -1,0 +1,154 @@
+"""Light scattered once that leaves without another reflection, under a pencil beam at normal incidence.
+
+It carries all the fine structure near the source: its spectrum falls as 1/k. Discrete ordinates get it wrong there, so that what they make of it is
+taken out (`spectrum` of a `Path` over their directions and azimuths) and its exact value put in (`profile`, or `spectrum` of a fine `Path`).
+The extinction is that of delta-M, the phase function the exact one.
+
+References
+----------
+T. Nakajima, M. Tanaka, J. Quant. Spectrosc. Radiat. Transfer 40, 51 (1988), eq 22.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from ..arrays import AnyArray
+from ..optics.phase import henyey_greenstein, legendre_series
+from ..scene.columns import Columns
+from .discrete_ordinates_interface import fresnel_shares
+from .frequency_layer import Sheet, azimuth_modes
+from .ordinate_stack import Grid, Layout, Medium
+
+
+class Path(eqx.Module):
+    """What happens to the beam and to once-scattered light, by layer and direction of exit.
+
+    strength : light scattered per depth in each layer into each direction, as it will leave, attenuation left out [1/mm]. out, beam : attenuation of
+    the two [1/mm]. tangent : of the direction. thickness : [mm]. modes, shares : of the azimuths, see `frequency_layer.azimuth_modes`.
+    """
+
+    strength: Float[AnyArray, "layers d"]
+    out: Float[AnyArray, "layers d"]
+    beam: Float[AnyArray, "layers"]
+    tangent: Float[AnyArray, "layers d"]
+    thickness: Float[AnyArray, "finite"]
+    modes: np.ndarray
+    shares: np.ndarray
+    above: bool = eqx.field(static=True)
+
+
+def ordinate_path(
+    columns: Columns, grid: Grid, numbers: Medium, sheets: tuple[Sheet, ...], collected: Float[Array, "n"], orders: int, above: bool
+) -> Path:
+    """What the ordinates make of it: their own phase function, their own few orders."""
+    n = collected.shape[0]
+    fed = jnp.stack([0.5 * (sheet.q - sheet.p if above else sheet.q + sheet.p) for sheet in sheets])
+    return _path(columns, numbers, grid.mu[:, :n], grid.real[:, :n], grid.rule.n, fed * collected, azimuth_modes(orders), above)
+
+
+def exact_path(columns: Columns, numbers: Medium, layout: Layout, na: float | None, above: bool, directions: int, azimuths: int) -> Path:
+    """A fine rule over the directions of exit, with the exact phase function."""
+    u, w = np.polynomial.legendre.leggauss(directions)
+    angle = 0.25 * np.pi * (u + 1.0)
+    largest = jnp.minimum(columns.n_above, columns.n[0]) if above else jnp.minimum(columns.n_below, columns.n[-1])
+    if na is not None:
+        largest = jnp.minimum(largest, na)
+    p = largest * np.sin(angle)
+    dp = 0.25 * np.pi * w * largest * np.cos(angle)
+    below = [] if columns.half_space else [columns.n_below[None]]
+    n = jnp.concatenate([columns.n_above[None], columns.n, *below])
+    mu = jnp.sqrt(jnp.maximum((n[:, None] - p) * (n[:, None] + p), 1e-24)) / n[:, None]
+    real = p < n[:, None]
+    strength = []
+    for i in range(columns.count):
+        cosine = -mu[i + 1] if above else mu[i + 1]
+        table = layout.tables[i]
+        phase = henyey_greenstein(cosine, columns.g[i]) if table is None else legendre_series(cosine, np.array(table))
+        scattering = columns.sigma_s_prime[i] / (1.0 - columns.g[i])
+        strength.append(0.5 * scattering * phase * p * dp / (columns.n[i] ** 2 * mu[i + 1]))
+    modes = 1j * np.cos((np.arange(azimuths) + 0.5) * np.pi / azimuths)
+    return _path(columns, numbers, mu, real, n, jnp.stack(strength), (modes, np.full(azimuths, 1.0 / azimuths)), above)
+
+
+def _path(columns: Columns, numbers: Medium, mu, real, n, strength, azimuths: tuple[np.ndarray, np.ndarray], above: bool) -> Path:
+    """With the faces on the way: the beam's to the layer, the light's from it."""
+    count = columns.count
+    one = jnp.ones(1)
+
+    def through(i: int, mu_i, mu_j, real_i, real_j):
+        if not columns.smooth[i]:
+            return jnp.zeros_like(mu_i)  # a rough face lets no beam through
+        return fresnel_shares(n[i], n[i + 1], mu_i, mu_j, real_i, real_j)[2]
+
+    crossed = [through(i, mu[i], mu[i + 1], real[i], real[i + 1]) for i in range(len(n) - 1)]
+    straight = [through(i, one, one, one > 0, one > 0) for i in range(len(n) - 1)]
+    rows = []
+    for i in range(count):
+        way = crossed[: i + 1] if above else crossed[i + 1 :]
+        share = jnp.prod(jnp.stack(way), axis=0) if way else jnp.zeros(mu.shape[1])
+        rows.append(strength[i] * share * jnp.prod(jnp.concatenate(straight[: i + 1])) * real[i + 1])
+    inside = slice(1, count + 1)
+    tangent = jnp.where(real[inside], jnp.sqrt(jnp.maximum(1.0 - mu[inside] ** 2, 0.0)) / mu[inside], 0.0)
+    sigma = numbers.extinction
+    return Path(jnp.stack(rows), sigma[:, None] / mu[inside], sigma, tangent, columns.thickness, *azimuths, above)
+
+
+def _ahead(path: Path) -> list[tuple[int, list[int]]]:
+    """Each layer and the layers that its light still has to cross."""
+    count = path.strength.shape[0]
+    return [(i, list(range(i)) if path.above else list(range(i + 1, count))) for i in range(count)]
+
+
+def spectrum(path: Path, k: Float[Array, ""]) -> Float[Array, ""]:
+    """At spatial frequency k."""
+    wave = k * path.tangent[:, :, None] * path.modes  # layers, directions, azimuths
+    finite = path.thickness.shape[0]
+    total = jnp.zeros(())
+    entered = jnp.zeros(())
+    for i, ahead in _ahead(path):
+        lost = entered + sum(((path.out[j][:, None] + wave[j]) * path.thickness[j] for j in ahead), jnp.zeros(()))
+        out = path.out[i][:, None] + wave[i]
+        if i < finite:
+            t, beam = path.thickness[i], path.beam[i] + 0.0 * out
+            ends = (0.0 * out, beam + out) if path.above else (out, beam)  # exponents of light scattered first and last
+            rate = ends[1] - ends[0]
+            small = jnp.abs(rate * t) < 1e-5
+            between = (jnp.exp(-ends[0] * t) - jnp.exp(-ends[1] * t)) / jnp.where(small, 1.0, rate)
+            along = jnp.where(small, t * jnp.exp(-ends[0] * t) * (1.0 - 0.5 * rate * t), between)
+        else:
+            along = 1.0 / (path.beam[i] + out)
+        total = total + path.strength[i] @ ((along * jnp.exp(-lost)) @ path.shares).real
+        if i < finite:
+            entered = entered + path.beam[i] * path.thickness[i]
+    return total
+
+
+def profile(path: Path, low: Float[AnyArray, "rings"], high: Float[AnyArray, "rings"]) -> Float[Array, "rings"]:
+    """Mean over rings [1/mm^2], by one quadrature: for a direction of exit, depth and distance go together."""
+    finite = path.thickness.shape[0]
+    edges = jnp.stack([low, high])[:, :, None]
+    total = jnp.zeros(low.shape[0])
+    entered = jnp.zeros(())
+    for i, ahead in _ahead(path):
+        lost = entered + sum((path.out[j] * path.thickness[j] for j in ahead), jnp.zeros(()))
+        shift = sum((path.tangent[j] * path.thickness[j] for j in ahead), jnp.zeros(()))
+        t = path.thickness[i] if i < finite else jnp.inf
+        tangent = jnp.maximum(path.tangent[i], 1e-30)
+        s = jnp.clip((edges - shift) / tangent, 0.0, t)  # depth in the layer, from the side of exit
+        if path.above:
+            rate, before = path.beam[i] + path.out[i], 0.0
+        else:
+            rate, before = path.out[i] - path.beam[i], path.beam[i] * t
+        step = s[1] - s[0]
+        x = rate * step
+        small = jnp.abs(x) < 1e-5
+        safe = jnp.where(small, 1.0, x)
+        share = jnp.where(small, 1.0 - 0.5 * x, -jnp.expm1(-safe) / safe)
+        along = jnp.exp(-rate * s[0] - before - lost) * jnp.where(jnp.isfinite(step), step, 1.0) * share
+        total = total + along @ path.strength[i]
+        if i < finite:
+            entered = entered + path.beam[i] * t
+    return total / (np.pi * (high - low) * (high + low))
