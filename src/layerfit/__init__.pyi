@@ -1,4 +1,6 @@
 from . import montecarlo as montecarlo
+from .comparison import Comparison as Comparison
+from .comparison import compare as compare
 from .errors import InputError as InputError
 from .inference.fit import Estimate as Estimate
 from .inference.fit import Fit as Fit

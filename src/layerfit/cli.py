@@ -205,6 +205,28 @@ def validate(scene: Path, solver: str | None, photons: int | None, seed: int, ou
 
 
 @main.command()
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.option("--tolerance", type=click.FloatRange(0, min_open=True), metavar="X", help="Relative error that auto may leave [default: 0.01].")
+@click.option("--photons", type=click.IntRange(1), metavar="N", help="Take a Monte Carlo of so many photons as reference.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, metavar="S", help="Seed of random numbers.")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder for table and figure (default: NAME-comparison beside SCENE).")
+def compare(scene: Path, tolerance: float | None, photons: int | None, seed: int, out: Path | None) -> None:
+    """Run every solver on SCENE: time, error, and which one auto takes."""
+    _keep_compilations()
+    from .comparison import compare as run
+    from .files import writable_folder
+    from .scene_file import read_scene
+
+    description = read_scene(scene)
+    folder = writable_folder(scene.parent / f"{scene.stem}-comparison" if out is None else out)
+    geometries = [m.geometry for m in description.measurements]
+    result = run(description.stack, geometries, tolerance=tolerance, photons=photons, seed=seed, progress=sys.stderr.isatty())
+    paths = result.save(folder)
+    click.echo(result.summary())
+    click.echo(f"figure: {paths['comparison.svg']}")
+
+
+@main.command()
 @click.argument("name", type=click.Choice(_EXAMPLES))
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder to make (default: the example's name).")
 def example(name: str, out: Path | None) -> None:

@@ -45,7 +45,7 @@ class Evaluation(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
-_call = eqx.filter_jit(lambda forward, columns: forward(columns))
+_compiled = eqx.filter_jit(lambda forward, columns: forward(columns))
 
 
 class Forward(eqx.Module):
@@ -61,9 +61,13 @@ class Forward(eqx.Module):
         """Estimated absolute error of each value, the method's included, one array a geometry; None where it is unknown."""
         return None
 
+    def run(self, columns: Columns) -> tuple[Array, ...]:
+        """The values, compiled."""
+        return _compiled(self, columns)
+
     def evaluate(self, columns: Columns) -> Evaluation:
         """Values and errors together, for a solver that gets both from one run."""
-        values = tuple(np.asarray(v) for v in _call(self, columns))
+        values = tuple(np.asarray(v) for v in self.run(columns))
         return Evaluation(values, self.error(columns) or (None,) * len(values))
 
 
@@ -85,6 +89,12 @@ class Solver(eqx.Module):
     def settings(self) -> dict[str, Any]:
         """Its settings by name, those at their default included."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    @property
+    def label(self) -> str:
+        """Its name, and what is set otherwise than by itself."""
+        settings = ", ".join(f"{value} {name}" for name, value in self.settings.items() if type(value) in (int, float))
+        return f"{self.name} ({settings})" if settings else self.name
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in self.settings.items())})"

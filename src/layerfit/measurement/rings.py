@@ -1,7 +1,7 @@
 """Distances between source and detector: what a measurement sees of light whose profile about a pencil beam is known ring by ring."""
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from .geometry import Radial, lens_area
 from .source import Disk, Edge, Gaussian, Line, Pencil
@@ -64,7 +64,7 @@ def _near(geometry: Radial, x: np.ndarray, rho: float) -> np.ndarray:
     if isinstance(source, Disk):
         return np.vectorize(lens_area, otypes=[float])(x, rho, source.radius) / (np.pi * source.radius**2)
     if isinstance(source, Gaussian):
-        return stats.ncx2.cdf((2.0 * rho / source.radius) ** 2, 2, (2.0 * x / source.radius) ** 2)
+        return special.chndtr((2.0 * rho / source.radius) ** 2, 2.0, (2.0 * x / source.radius) ** 2)
     if isinstance(source, Line):
         return 2.0 * np.sqrt(np.maximum(rho**2 - x**2, 0.0))
     t = np.clip(x / rho, -1.0, 1.0)

@@ -52,7 +52,7 @@ def chi_square_text(chi2: float) -> str:
 
 def solver_text(solver: Solver) -> str:
     """A solver and its settings: layered-diffusion (source mixed, ...)."""
-    settings = ", ".join(f"{name} {value}" for name, value in solver.settings.items())
+    settings = ", ".join(f"{name} {value}" for name, value in solver.settings.items() if value not in (None, ()))
     return f"{solver.name} ({settings})" if settings else solver.name
 
 

@@ -31,7 +31,7 @@ class Candidate(NamedTuple):
 class Auto(Solver):
     """The cheapest solver whose stated error is small enough: diffusion where it is known to hold, else discrete ordinates, coarse before fine.
 
-    What is left out of one fit's data, as third of their standard deviation, sets how small; without data, `tolerance` does.
+    In a fit the data say how small; the choice is made at the start and looked at again at the result.
 
     Arguments
     ---------
@@ -72,11 +72,14 @@ class Auto(Solver):
         raise InputError("; ".join(dict.fromkeys(reasons)))
 
     def choose(self, stack: Stack, geometries: Sequence[Geometry], resolution: float | None = None) -> Choice:
-        return self._from(0, stack, geometries, self.allowed(resolution))
+        for geometry in geometries:
+            self.check(stack, geometry)
+        found = self._from(0, stack, geometries, self.allowed(resolution))
+        assert found is not None  # `check` found a solver
+        return found
 
     def choose_again(self, before: Choice, stack: Stack, geometries: Sequence[Geometry], resolution: float | None = None) -> Choice | None:
-        last = before.rung + 1 >= len(self.ladder())
-        if last or candidate(before.solver, stack, geometries).error <= self.allowed(resolution):
+        if candidate(before.solver, stack, geometries).error <= self.allowed(resolution):
             return None
         return self._from(before.rung + 1, stack, geometries, self.allowed(resolution))
 
@@ -84,8 +87,8 @@ class Auto(Solver):
         """Largest relative error that may remain."""
         return self.tolerance or (TOLERANCE if resolution is None else resolution / 3.0)
 
-    def _from(self, lowest: int, stack: Stack, geometries: Sequence[Geometry], allowed: float) -> Choice:
-        """The first rung from ``lowest`` on that will do, else the best there is."""
+    def _from(self, lowest: int, stack: Stack, geometries: Sequence[Geometry], allowed: float) -> Choice | None:
+        """The first rung from ``lowest`` on that will do, else the best there is; None where no such rung can do the scene."""
         tried: list[tuple[int, Candidate]] = []
         refused = ""
         for rung, solver in list(enumerate(self.ladder()))[lowest:]:
@@ -99,7 +102,7 @@ class Auto(Solver):
             if tried[-1][1].error <= allowed:
                 break
         if not tried:
-            raise InputError(refused)
+            return None
         rung, taken = min(tried, key=lambda pair: pair[1].error) if not tried[-1][1].error <= allowed else tried[-1]
         return Choice(taken.solver, (_why(taken, [one for _, one in tried if one is not taken], allowed, refused),), rung)
 
@@ -118,15 +121,15 @@ def candidate(solver: Solver, stack: Stack, geometries: Sequence[Geometry]) -> C
     for values, errors in zip(found.values, found.errors, strict=True):
         worst = max(worst, float(np.max(np.abs(errors) / np.maximum(np.abs(values), 1e-300))) if errors is not None else np.inf)
     start = time.perf_counter()
-    jax.block_until_ready(forward(columns))
+    jax.block_until_ready(forward.run(columns))
     return Candidate(solver, worst if np.isfinite(worst) else np.inf, time.perf_counter() - start)
 
 
 def _why(taken: Candidate, passed_over: list[Candidate], allowed: float, refused: str) -> str:
     """The choice in words."""
     cost = "" if taken.seconds is None else f", {1e3 * taken.seconds:.2g} ms a prediction"
-    said = f"solver auto took {taken.solver!r}: stated error at most {100 * taken.error:.2g} %, {100 * allowed:.2g} % allowed{cost}"
-    said += "".join(f"; {one.solver.name} is off by {100 * one.error:.2g} %" for one in passed_over[:1])
+    said = f"solver auto took {taken.solver.label}: stated error at most {100 * taken.error:.2g} %, {100 * allowed:.2g} % allowed{cost}"
+    said += "".join(f"; {one.solver.label} is off by {100 * one.error:.2g} %" for one in passed_over[:1])
     if not taken.error <= allowed:
         said += "; nothing better is there than this" + (f" ({refused})" if refused else "")
     return said

@@ -241,6 +241,9 @@ class OrdinatesForward(Forward):
     def __call__(self, columns: Columns, shifts: Sequence[Float[Array, ""] | None] | None = None) -> tuple[Array, ...]:
         return _values(self.plans, columns)
 
+    def run(self, columns: Columns) -> tuple[Array, ...]:
+        return self(columns)
+
     def error(self, columns: Columns) -> tuple[np.ndarray | None, ...] | None:
         """Twice the difference to a rule of two thirds of the directions, and rounding."""
         return self.evaluate(columns).errors

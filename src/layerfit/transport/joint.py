@@ -35,6 +35,9 @@ class JointForward(Forward):
     def __call__(self, columns: Columns, shifts: Sequence[Float[Array, ""] | None] | None = None) -> tuple[Array, ...]:
         return self._ordered([part(columns, shifts and [shifts[j] for j in mine]) for part, mine in zip(self.parts, self.places, strict=True)])
 
+    def run(self, columns: Columns) -> tuple[Array, ...]:
+        return self._ordered([part.run(columns) for part in self.parts])
+
     def error(self, columns: Columns) -> tuple[np.ndarray | None, ...]:
         return self.evaluate(columns).errors
 

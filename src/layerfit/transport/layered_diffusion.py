@@ -19,6 +19,7 @@ from ..scene.columns import Columns
 from ..scene.stack import Stack
 from ..solver import Domain
 from .beam import point_sources, refracted, seen_from_above, seen_from_below
+from .diffusion_error import known_error
 from .diffusion_layer import decay_rate
 from .diffusion_limits import check_aperture, diffusion_notes
 from .diffusion_pieces import Numbers, beam_alone, first_boundary, first_medium, half_space_piece, interface_piece, layer_piece
@@ -218,6 +219,9 @@ class LayeredDiffusion(SpectralSolver):
         textbook = self.pieces(first_boundary(numbers), k)
         below = Response(reference, reference.zero(), reference.zero(), reference.zero())
         return more + (reflection([*pieces[:2], below]) - reflection([*textbook[:2], below])).source
+
+    def relative_error(self, columns: Columns, geometry: Geometry) -> np.ndarray | None:
+        return known_error(columns, geometry)
 
     def images(self, columns: Columns, geometry: Geometry) -> Images | None:
         if not self.subtract or self.boundary != "extrapolated" or self._spread(columns) or geometry.side == "below":

@@ -220,6 +220,9 @@ class ProfilesForward(Forward):
         shifts = [None] * len(self.plans) if shifts is None else shifts
         return tuple(_profile(plan, columns, shift)[0] for plan, shift in zip(self.plans, shifts, strict=True))
 
+    def run(self, columns: Columns) -> tuple[Array, ...]:
+        return self(columns)
+
     def error(self, columns: Columns) -> tuple[np.ndarray | None, ...] | None:
         return self.evaluate(columns).errors
 

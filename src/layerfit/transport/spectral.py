@@ -52,6 +52,10 @@ class SpectralSolver(Solver):
     def span(self, domain: Domain) -> Span:
         """The spatial frequencies that all stacks of the domain need."""
 
+    def relative_error(self, columns: Columns, geometry: Geometry) -> np.ndarray | None:
+        """Relative error that the method is known to make in each value; None where nothing is known."""
+        return None
+
     def images(self, columns: Columns, geometry: Geometry) -> Images | None:
         """The part of the spectrum that falls off most slowly, where it has a closed form in r (None: none is taken out)."""
         return None
@@ -170,6 +174,13 @@ class SpectralForward(Forward):
     def __call__(self, columns: Columns, shifts: Sequence[Float[Array, ""] | None] | None = None) -> tuple[Array, ...]:
         shifts = [None] * len(self.plans) if shifts is None else shifts
         return tuple(self._one(columns, geometry, plan, shift) for geometry, plan, shift in zip(self.geometries, self.plans, shifts, strict=True))
+
+    def error(self, columns: Columns) -> tuple[np.ndarray | None, ...] | None:
+        shares = [self.solver.relative_error(columns, geometry) for geometry in self.geometries]
+        if all(share is None for share in shares):
+            return None
+        values = self.run(columns)
+        return tuple(None if share is None else share * np.abs(np.asarray(value)) for share, value in zip(shares, values, strict=True))
 
     def _one(self, columns: Columns, geometry: Geometry, plan: Functional, shift: Float[Array, ""] | None) -> Float[Array, "values"]:
         images = self.solver.images(columns, geometry) if _images_apply(geometry) and plan.nodes is None else None
