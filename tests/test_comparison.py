@@ -32,7 +32,7 @@ def test_rows_text_and_figure():
     best = list(rows.values())[-1]
     assert best["largest_error"] == 0.0 and best["warm_seconds"] < best["first_seconds"]
     assert "* " in found.summary() and "solver auto took layered-diffusion" in found.summary()
-    assert len(found.plot().axes[0].lines) >= 2 * sum(row["refused"] is None for row in rows.values())
+    assert len(found.plot().axes[0].lines) >= 2 * sum(row["refused"] is None for row in rows.values()) - 2  # the reference has no error
 
 
 @pytest.mark.long

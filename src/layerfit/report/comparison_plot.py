@@ -8,30 +8,31 @@ from matplotlib.figure import Figure
 if TYPE_CHECKING:
     from ..comparison import Comparison
 
-_SOLVER, _CHOSEN = "#1f4e79", "#c0392b"
-_LEAST = 1e-5  # the reference itself has no error: it stands here
+_COLOURS = ("#999999", "#b8860b", "#2e7d32", "#5b8fc7", "#1f4e79", "#6a3d9a")
 
 
 def plot_comparison(comparison: "Comparison") -> Figure:
-    """Median error (dot) to the largest (line) over the time of a warm prediction; red: what Auto takes."""
-    figure = Figure(figsize=(6.4, 4.0), layout="constrained")
+    """Median error (dot) to the largest (line) over the time of a warm prediction; a star: what Auto takes. The reference is left out."""
+    figure = Figure(figsize=(7.6, 3.8), layout="constrained")
     axis = figure.subplots()
     for i, row in enumerate(comparison.rows):
-        if row.errors is None or row.warm is None:
+        if row.errors is None or row.warm is None or not np.max(row.errors) > 0.0:
             continue
-        colour = _CHOSEN if i == comparison.chosen else _SOLVER
-        median, largest = (max(float(f(row.errors)), _LEAST) for f in (np.median, np.max))
+        colour, chosen = _COLOURS[i % len(_COLOURS)], i == comparison.chosen
+        largest = float(np.max(row.errors))
+        median = float(np.median(row.errors)) or largest
         axis.plot([1e3 * row.warm] * 2, [median, largest], color=colour, lw=1)
-        axis.plot(1e3 * row.warm, median, "o", color=colour)
-        axis.annotate(row.label, (1e3 * row.warm, largest), fontsize="x-small", rotation=30, xytext=(2, 3), textcoords="offset points")
+        label = row.label.replace(" (", "\n(") + ("\n(auto)" if chosen else "")
+        axis.plot(1e3 * row.warm, median, "*" if chosen else "o", ms=12 if chosen else 6, color=colour, ls="none", label=label)
     own = comparison.reference_error[np.isfinite(comparison.reference_error)]
     if own.size:
-        axis.axhline(float(np.median(own)), color="#999999", lw=0.8, ls="--", label="error of the reference (median)")
-        axis.legend(frameon=False, fontsize="small")
+        axis.axhline(float(np.median(own)), color="#999999", lw=0.8, ls="--", label="reference's own error")
     axis.set_xscale("log")
     axis.set_yscale("log")
-    axis.margins(x=0.25, y=0.3)
+    axis.margins(x=0.15, y=0.15)
     axis.set_xlabel("one prediction, warm [ms]")
-    axis.set_ylabel(f"relative error against {comparison.reference}")
+    axis.set_ylabel("relative error (median to largest)")
+    axis.set_title(f"against {comparison.reference}", fontsize="small")
     axis.grid(alpha=0.25)
+    figure.legend(loc="outside right upper", frameon=False, fontsize="small")
     return figure
