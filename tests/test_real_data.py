@@ -34,7 +34,9 @@ def test_reflectance_of_measured_skin(skin, wavelength, low, high):
     found = []
     for person in skin[wavelength][::10]:
         data = lf.Dataset(geometry, [person.mean()], sd=[0.002 + person.std(ddof=1) / np.sqrt(3)])
-        result = lf.fit(lf.Problem(stack, data, free={"dermis.sigma_a": {"min": 1e-3, "max": 5.0, "init": 0.05}}), starts=1)
+        result = lf.fit(
+            lf.Problem(stack, data, free={"dermis.sigma_a": {"min": 1e-3, "max": 5.0, "init": 0.05}}, solver=lf.LayeredDiffusion()), starts=1
+        )
         assert result.outcome is lf.Outcome.CONVERGED
         assert result.predictions[0][0] == pytest.approx(person.mean(), abs=1e-6)
         found.append(result.x[0])
@@ -53,7 +55,7 @@ def test_fit_of_monte_carlo_profiles(name, bound):
     data = lf.Dataset(lf.RadialReflectance(r_min=low[chosen], r_max=high[chosen]), case.R[chosen], sd)
     truth = {name: float(case.stack.get(name)) for name in case.stack.names if name.rsplit(".", 1)[1] in ("sigma_a", "sigma_s", "thickness")}
     free = {key: {"min": value / 5, "max": value * 5, "init": value * 1.5} for key, value in truth.items()}
-    result = lf.fit(lf.Problem(case.stack, data, free=free))
+    result = lf.fit(lf.Problem(case.stack, data, free=free, solver=lf.LayeredDiffusion()))
     assert result.outcome is lf.Outcome.CONVERGED
     for key, estimate in result.parameters.items():
         determined = f"{key} is not determined by the data" not in result.warnings

@@ -175,7 +175,7 @@ STACK = lf.Stack([lf.HalfSpace("skin", sigma_a=0.05, sigma_s_prime=1.0, n=1.4)])
 
 
 def predicted(**places):
-    return lf.predict(STACK, lf.RadialReflectance(**places))[0].values
+    return lf.predict(STACK, lf.RadialReflectance(**places), solver=lf.LayeredDiffusion())[0].values
 
 
 @pytest.fixture(scope="module")
@@ -209,5 +209,5 @@ def test_slope_across_an_edge_is_the_line():
     x = np.array([1.0 - h, 1.0 + h])
     up = predicted(r=x, source=lf.Edge())
     assert abs(np.diff(up)[0] / (2 * h) / predicted(r=[1.0], source=lf.Line())[0] - 1) <= 1e-6
-    total = lf.predict(STACK, lf.SpatialFrequency([0.0]))[0].values[0]
+    total = lf.predict(STACK, lf.SpatialFrequency([0.0]), solver=lf.LayeredDiffusion())[0].values[0]
     assert abs(np.sum(predicted(r=[-1.0, 1.0], source=lf.Edge())) - total) <= 1e-9, "both sides together are evenly lit"

@@ -81,7 +81,7 @@ def test_saving_from_python(small_fit, tmp_path):
 
 def test_errors_of_a_prediction():
     """null where unknown, never NaN, one for each value."""
-    prediction = lf.predict(STACK, GEOMETRY)[0]
+    prediction = lf.predict(STACK, GEOMETRY, solver=lf.LayeredDiffusion())[0]
     known = type(prediction)(GEOMETRY, prediction.values, np.array([0.1, np.nan, np.inf]), prediction.solver, ("a note", "a note"))
     found = prediction_dict("some", [("a", prediction), ("b", known)])
     assert found["measurements"][1]["estimated_error"] == [0.1, None, None]

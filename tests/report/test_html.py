@@ -107,7 +107,7 @@ def hostile_fit():
     stack = lf.Stack([lf.HalfSpace(HOSTILE.replace(".", ""), sigma_a=0.02, sigma_s_prime=1.5, n=1.4)])
     geometry = lf.SpatialFrequency([0, 0.1, 0.2])
     name = "<script>alert(1)<img src=x onerror=alert(2)>--><b>$x_{"
-    data = lf.Dataset(geometry, lf.predict(stack, geometry)[0].values, noise=lf.Noise(0.01), name=name)
+    data = lf.Dataset(geometry, lf.predict(stack, geometry, solver=lf.LayeredDiffusion())[0].values, noise=lf.Noise(0.01), name=name)
     return lf.fit(lf.Problem(stack, data, free={f"{HOSTILE}.sigma_a": (1e-3, 1), f"{name}.amplitude": (0.9, 1.1)}), starts=1)
 
 

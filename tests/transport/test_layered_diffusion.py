@@ -179,7 +179,7 @@ def test_energy_without_absorption(solver):
 
 def test_conservative_half_space_returns_everything():
     stack = lf.Stack([lf.HalfSpace("white", sigma_a=0.0, sigma_s_prime=1.0, g=0.9, n=1.4)])
-    assert abs(lf.predict(stack, lf.TotalReflectance(specular="included"))[0].values[0] - 1) <= 1e-12
+    assert abs(lf.predict(stack, lf.TotalReflectance(specular="included"), solver=lf.LayeredDiffusion())[0].values[0] - 1) <= 1e-12
 
 
 def test_specular_part_and_incidence():
@@ -187,7 +187,10 @@ def test_specular_part_and_incidence():
     R = {}
     for incidence in ("normal", 45.0, 80.0, "diffuse"):
         included, excluded = (
-            float(p.values[0]) for p in lf.predict(HALF, [lf.TotalReflectance(incidence=incidence, specular=s) for s in ("included", "excluded")])
+            float(p.values[0])
+            for p in lf.predict(
+                HALF, [lf.TotalReflectance(incidence=incidence, specular=s) for s in ("included", "excluded")], solver=lf.LayeredDiffusion()
+            )
         )
         R[incidence] = included, included - excluded
     assert abs(R["normal"][1] - (0.4 / 2.4) ** 2) <= 1e-15
@@ -201,15 +204,18 @@ def test_specular_part_and_incidence():
 def test_clear_layers_are_refused():
     stack = lf.Layer("glass", sigma_a=0.0, sigma_s_prime=0.0, n=1.5, thickness=1.0) | HALF.layers[0]
     with pytest.raises(lf.InputError, match="layer 'glass' is clear"):
-        lf.predict(stack, lf.TotalReflectance())
+        lf.predict(stack, lf.TotalReflectance(), solver=lf.LayeredDiffusion())
 
 
 def test_aperture_collects_part_of_the_light():
     """na 1 is everything; a small one collects about na^2 of it, more towards the normal than a Lambertian surface would send."""
-    whole, half, small = (float(lf.predict(HALF, lf.RadialReflectance(r=[3.0], detector=lf.Detector(na=na)))[0].values[0]) for na in (1.0, 0.5, 0.05))
+    whole, half, small = (
+        float(lf.predict(HALF, lf.RadialReflectance(r=[3.0], detector=lf.Detector(na=na)), solver=lf.LayeredDiffusion())[0].values[0])
+        for na in (1.0, 0.5, 0.05)
+    )
     assert 0.25 < half / whole < 0.32
     assert 1.0 < small / whole / 0.05**2 < 1.35
-    nearly = float(lf.predict(HALF, lf.RadialReflectance(r=[3.0], detector=lf.Detector(na=0.9999999)))[0].values[0])
+    nearly = float(lf.predict(HALF, lf.RadialReflectance(r=[3.0], detector=lf.Detector(na=0.9999999)), solver=lf.LayeredDiffusion())[0].values[0])
     assert abs(nearly / whole - 1) <= 1e-6
 
 

@@ -15,7 +15,7 @@ from layerfit.solver import Domain
 TOP = {"sigma_a": 0.02, "sigma_s_prime": 1.0, "g": 0.8, "n": 1.4}
 HALF = lf.Stack([lf.HalfSpace("deep", **TOP)])
 BANDS = ((0.1, 0.5, 0.02), (0.5, np.inf, 0.005))
-QUICK = {"si_n14_g0_a0990 R", "skin_over_fat R"}
+QUICK = {"skin_over_fat R"}
 PROFILES = [f"{name} {side}" for name in cases.NAMES for side in ("R", "T") if side == "R" or not cases.load(name).stack.half_space]
 # rings beyond 0.5 %, 2 % and 3 standard errors that are known, see docs/transport-profiles.md
 OUT = {
