@@ -28,7 +28,7 @@ def rings(geometry: Radial) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return geometry.r * (1.0 - _NARROW), geometry.r * (1.0 + _NARROW), np.eye(geometry.size)
     places = np.concatenate(list(geometry.places().values()))
     spread = geometry.detector.radius + 4.0 * float(getattr(geometry.source, "radius", 0.0))
-    reach = float(np.max(np.abs(places))) + spread
+    reach = float(np.max(np.abs(places))) + spread or 1.0  # an edge alone, at 0, has no length of its own
     if isinstance(geometry.source, Line | Edge):
         reach *= _FAR
     edges = np.concatenate([[0.0], np.geomspace(1e-4 * reach, reach, _SHARED)])
