@@ -28,7 +28,7 @@ class FirstAble(Solver):
     >>> both = [lf.RadialReflectance(r=[2.0, 5.0]), lf.AngularReflectance([30.0])]
     >>> radial, angular = lf.predict(skin, both, solver=lf.FirstAble(lf.LayeredDiffusion(), lf.DiscreteOrdinates()))
     >>> radial.values.round(5), angular.values.round(3), radial.notes, angular.notes
-    (array([0.00915, 0.00137]), array([0.211]), ('predicted by layered-diffusion',), ('predicted by discrete-ordinates',))
+    (array([0.00915, 0.00137]), array([0.201]), ('predicted by layered-diffusion',), ('predicted by discrete-ordinates',))
     """
 
     name: ClassVar[str] = "first-able"
