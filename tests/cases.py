@@ -61,6 +61,18 @@ def load(name: str) -> Case:
     return Case(name, stack, (table[:, 0], table[:, 1]), table[:, 2], table[:, 3], table[:, 4], table[:, 5], content["totals"])
 
 
+TEN_KINDS = (
+    "si_match_g0_a0990",
+    "si_n14_g09_a0990",
+    "si_n14_g08_a0667",
+    "si_n14_g098",
+    "two_thick_low_over_thin_high",
+    "skin_over_fat",
+    "head_scalp_skull_csf_brain",
+    "absorbing_top",
+    "slab_n14_g08_5mfp",
+    "skin3_dj_R",
+)
 NAMES = sorted(path.stem for path in FOLDER.glob("*.json"))
 
 

@@ -8,7 +8,6 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from .errors import InputError
 from .measurement.geometry import Geometry
 from .montecarlo_solver import MonteCarlo
 from .scene.columns import to_columns
@@ -61,13 +60,13 @@ class Comparison(eqx.Module):
 
     def table(self) -> list[dict[str, Any]]:
         """One row a solver, plain numbers, null where there is none."""
-        from .report.comparison import comparison_rows
+        from .report.comparison_table import comparison_rows
 
         return comparison_rows(self)
 
     def summary(self) -> str:
         """The comparison as plain text."""
-        from .report.comparison import comparison_text
+        from .report.comparison_table import comparison_text
 
         return comparison_text(self)
 
@@ -79,7 +78,7 @@ class Comparison(eqx.Module):
 
     def save(self, folder: Any) -> "dict[str, Path]":
         """Write comparison.json, comparison.txt and comparison.svg into a folder; returns their paths by name."""
-        from .report.comparison import save_comparison
+        from .report.comparison_archive import save_comparison
 
         return save_comparison(self, folder)
 
@@ -146,12 +145,7 @@ class Run(NamedTuple):
 
 def _tried(solver: Solver, stack: Stack, geometries: Sequence[Geometry]) -> Run | str:
     """A solver's values and times, or why it refuses."""
-    try:
-        for geometry in geometries:
-            solver.check(stack, geometry)
-    except InputError as error:
-        return str(error)
-    return timed_run(solver, stack, geometries, repeats=_REPEATS)
+    return solver.refusal(stack, geometries) or timed_run(solver, stack, geometries)
 
 
 def timed_run(solver: Solver, stack: Stack, geometries: Sequence[Geometry], *, repeats: int = _REPEATS) -> Run:

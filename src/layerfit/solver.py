@@ -114,6 +114,15 @@ class Solver(eqx.Module):
     def check(self, stack: Stack, geometry: Geometry) -> None:
         """Raise InputError for a scene or geometry outside what the solver can do."""
 
+    def refusal(self, stack: Stack, geometries: Sequence[Geometry]) -> str | None:
+        """Why the solver cannot do a scene with these geometries, None where it can."""
+        try:
+            for geometry in geometries:
+                self.check(stack, geometry)
+        except InputError as error:
+            return str(error)
+        return None
+
     def notes(self, stack: Stack, geometry: Geometry) -> tuple[str, ...]:
         """Sentences a user should read beside the result."""
         return ()

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import layerfit as lf
+from layerfit.solver import Choice
+from layerfit.transport.auto import candidate
 
 DEEP = lf.Stack([lf.HalfSpace("deep", sigma_a=0.01, sigma_s_prime=1.0, g=0.8, n=1.4)])
 WITHOUT_G = lf.Stack([lf.HalfSpace("deep", sigma_a=0.01, sigma_s_prime=1.0, n=1.4)])
@@ -50,35 +52,54 @@ def test_a_fit_says_it_and_looks_again():
     assert again is not None and again.rung >= 1
 
 
+def test_an_error_that_is_no_number_is_no_small_error(monkeypatch):
+    """A rung whose stated error is NaN is passed over."""
+    monkeypatch.setattr("layerfit.transport.auto.known_error", lambda columns, geometry: np.full(geometry.size, np.nan))
+    assert candidate(lf.LayeredDiffusion(), DEEP, [lf.RadialReflectance(r=[10.0])]).error == np.inf
+
+
+def test_no_solver_for_all_measurements_together():
+    """Radiances need transport, and transport refuses transmission through a half space: one line, not a failed assertion."""
+    with pytest.raises(lf.InputError, match=r"together: .*no directions.*half space"):
+        lf.predict(DEEP, [lf.AngularReflectance([30.0]), lf.RadialTransmittance([1.0])], solver=lf.Auto())
+
+
+def test_a_better_solver_goes_on_from_the_fitted_numbers():
+    """Calibration numbers too."""
+    geometry = lf.RadialReflectance(r=[1.0, 2.0, 3.0])
+    values = lf.predict(DEEP, geometry, solver=lf.LayeredDiffusion())[0].values
+    data = lf.Dataset(geometry, values, 0.1 * values, name="probe")
+    free = {"deep.sigma_a": (1e-3, 1.0), "probe.amplitude": (0.5, 2.0)}
+    problem = lf.Problem(DEEP, data, free=free, solver=lf.Auto(), choice=Choice(lf.LayeredDiffusion(), ()))
+    better = problem.again(DEEP, np.array([0.02, 1.3]))
+    assert better is not None and better.chosen == lf.Auto.ladder()[1]
+    assert [p.init for p in better.parameters] == [0.02, 1.3]
+
+
 def test_wrong_tolerances():
     for wrong in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(ValueError, match="tolerance"):
             lf.Auto(tolerance=wrong)
 
 
-TEN = [
-    "si_n14_g09_a0990",
-    "si_match_g0_a0990",
-    "si_n14_g08_a0667",
-    "si_n14_g098",
-    "two_thick_low_over_thin_high",
-    "skin_over_fat",
-    "head_scalp_skull_csf_brain",
-    "absorbing_top",
-    "slab_n14_g08_5mfp",
-    "skin3_dj_R",
-]
-
-
 @pytest.mark.long
-@pytest.mark.parametrize("name", TEN)
-@pytest.mark.parametrize("tolerance", [0.05, 0.01])
+@pytest.mark.parametrize("name", cases.TEN_KINDS)
+@pytest.mark.parametrize("tolerance", [0.05, 0.01, 0.005])
 def test_it_keeps_its_word(name, tolerance):
-    """Ten kinds of scenes against Monte Carlo, distances from half a transport mean free path where the reference is good to 2 %."""
+    """Ten kinds of scenes against Monte Carlo, rings from half a transport mean free path on where the reference is good to 2 %.
+
+    Met, or the remaining error said; and two rungs below would not have done.
+    """
     case = cases.load(name)
     low, high = case.rings
     use = (low >= 0.5 * case.mfp) & (case.R_se < 0.02 * case.R)
-    found = lf.predict(case.stack, lf.RadialReflectance(r_min=low[use], r_max=high[use]), solver=lf.Auto(tolerance=tolerance))[0]
+    geometry = lf.RadialReflectance(r_min=low[use], r_max=high[use])
+    found = lf.predict(case.stack, geometry, solver=lf.Auto(tolerance=tolerance))[0]
+    deviation, noise = np.abs(found.values - case.R[use]), 3.0 * case.R_se[use]
+    allowed = np.maximum(tolerance, found.estimated_error / found.values) * case.R[use] + noise
+    assert np.sum(~(deviation <= allowed)) <= 1, found.notes
+    lower = lf.Auto.ladder().index(found.solver) - 2
+    if lower >= 0:
+        cheap = lf.predict(case.stack, geometry, solver=lf.Auto.ladder()[lower])[0]
+        assert np.any(~(np.abs(cheap.values - case.R[use]) <= tolerance * case.R[use])), cheap.solver
     jax.clear_caches()
-    beyond = np.abs(found.values - case.R[use]) > np.maximum(tolerance, found.estimated_error / found.values) * case.R[use] + 3.0 * case.R_se[use]
-    assert np.sum(beyond) <= 1, found.notes

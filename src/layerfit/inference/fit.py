@@ -169,7 +169,7 @@ def fit(
     began = time.perf_counter()
     points = _starting_points(problem, starts, seed)
     result = _assemble(problem, _run_all(problem, points, on_start), time.perf_counter() - began)
-    while (better := result.problem.again(result.stack)) is not None:
+    while (better := result.problem.again(result.stack, result.x)) is not None:
         runs = _run_all(better, _starting_points(better, 1, seed), on_start)
         result = _assemble(better, runs, time.perf_counter() - began)
     return result

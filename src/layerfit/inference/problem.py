@@ -87,15 +87,17 @@ class Problem(eqx.Module):
         sd = [RELATIVE_NOISE * d.values if d.sd is None else d.sd for d in self.data]
         self.model = Model(scene, self.parameters, forward, self.data, sd)
 
-    def again(self, stack: Stack) -> "Problem | None":
-        """The same problem from a fitted stack with a better solver, where the chosen one is not good enough there; None where it is."""
+    def again(self, stack: Stack, x: np.ndarray) -> "Problem | None":
+        """The same problem from where a fit ended, with a better solver where the chosen one is not good enough there; None where it is.
+
+        stack : the fitted one. x : the fitted numbers in physical units, in the order of ``parameters``.
+        """
         better = self.solver.choose_again(self.choice, stack, [d.geometry for d in self.data], _resolution(self.data))
         if better is None:
             return None
         free = {}
-        for p in self.parameters:
-            init = float(np.clip(stack.get(p.name), p.low, p.high)) if p.name in self.stack.names else p.init
-            free[p.name] = {"min": p.low, "max": p.high, "init": init, "scale": p.scale}
+        for p, value in zip(self.parameters, x, strict=True):
+            free[p.name] = {"min": p.low, "max": p.high, "init": float(np.clip(value, p.low, p.high)), "scale": p.scale}
         ties = {tie.name: (tie.source, tie.factor) for tie in self.ties}
         return Problem(self.stack, self.data, free=free, ties=ties, solver=self.solver, choice=better)
 

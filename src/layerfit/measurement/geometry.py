@@ -7,6 +7,7 @@ import equinox as eqx
 import numpy as np
 
 from ..errors import InputError
+from ..optics.gauss import unit_gauss
 from ..optics.hankel import Kernel, Term
 from .source import Detector, Disk, Edge, Gaussian, Line, Pencil, Source
 
@@ -177,16 +178,11 @@ class Radial(Geometry):
             return float(0.5 + (t * np.sqrt(1.0 - t**2) + np.arcsin(t)) / np.pi)
         if isinstance(self.source, Disk):
             return lens_area(r, a, self.source.radius) / (np.pi * a**2 * np.pi * self.source.radius**2)
-        rho, w_rho = _gauss(64)
-        angle, w_angle = _gauss(64)
+        rho, w_rho = unit_gauss(64)
+        angle, w_angle = unit_gauss(64)
         rho, angle = a * rho[:, None], np.pi * angle
         value = self.source.density(np.sqrt(r**2 + rho**2 + 2.0 * r * rho * np.cos(angle)))
         return float(2.0 * np.sum(w_rho[:, None] * w_angle * value * rho) / a)
-
-
-def _gauss(n: int) -> tuple[np.ndarray, np.ndarray]:
-    x, w = np.polynomial.legendre.leggauss(n)
-    return 0.5 * (x + 1.0), 0.5 * w
 
 
 def lens_area(distance: float, a: float, b: float) -> float:
@@ -273,7 +269,7 @@ class Incident(Geometry):
     def cosines(self) -> tuple[np.ndarray, np.ndarray]:
         """Cosines of incidence in the medium above and their weights (sum 1)."""
         if self.incidence == "diffuse":
-            mu, w = _gauss(16)
+            mu, w = unit_gauss(16)
             return mu, 2.0 * mu * w
         return np.array([1.0 if self.incidence == "normal" else float(np.cos(np.radians(self.incidence)))]), np.ones(1)
 

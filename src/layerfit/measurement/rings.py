@@ -3,6 +3,7 @@
 import numpy as np
 from scipy import special
 
+from ..optics.gauss import unit_gauss
 from .geometry import Radial, lens_area
 from .source import Disk, Edge, Gaussian, Line, Pencil
 
@@ -40,7 +41,7 @@ def _seen_within(geometry: Radial, rho: float) -> np.ndarray:
     """Mean over each detector of the source's power within a distance rho of a point of it."""
     if geometry.r is None:
         assert geometry.r_min is not None and geometry.r_max is not None
-        x, w = _gauss(24)
+        x, w = unit_gauss(24)
         low, high = geometry.r_min[:, None] ** 2, geometry.r_max[:, None] ** 2
         return _near(geometry, np.sqrt(low + (high - low) * x), rho) @ w
     a = geometry.detector.radius
@@ -48,7 +49,7 @@ def _seen_within(geometry: Radial, rho: float) -> np.ndarray:
         return _near(geometry, geometry.r, rho)
     if isinstance(geometry.source, Pencil):
         return np.array([lens_area(float(r), a, rho) for r in geometry.r]) / (np.pi * a**2)
-    x, w = _gauss(16)
+    x, w = unit_gauss(16)
     offset, angle = a * np.sqrt(x)[:, None], np.pi * x
     r = geometry.r[:, None, None]
     if isinstance(geometry.source, Line | Edge):
@@ -69,8 +70,3 @@ def _near(geometry: Radial, x: np.ndarray, rho: float) -> np.ndarray:
         return 2.0 * np.sqrt(np.maximum(rho**2 - x**2, 0.0))
     t = np.clip(x / rho, -1.0, 1.0)
     return rho**2 * (0.5 * np.pi + np.arcsin(t) + t * np.sqrt(1.0 - t**2))
-
-
-def _gauss(n: int) -> tuple[np.ndarray, np.ndarray]:
-    x, w = np.polynomial.legendre.leggauss(n)
-    return 0.5 * (x + 1.0), 0.5 * w

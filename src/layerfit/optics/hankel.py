@@ -21,6 +21,8 @@ from typing import Literal
 import numpy as np
 from scipy import special
 
+from .gauss import legendre
+
 Wave = Literal["J0", "J1", "cos", "sin"]
 _BENT = 400.0  # phase over a panel above which the path is turned into the complex plane
 _DEEP = 42.0  # e^-42: where a decaying path ends
@@ -141,14 +143,7 @@ def _lagrange(x: np.ndarray, order: int) -> np.ndarray:
     nodes, weights = _gauss(order)
     legendre_at_nodes = np.polynomial.legendre.legvander(nodes, order - 1)  # (nodes, degree)
     coefficients = weights[:, None] * legendre_at_nodes * (np.arange(order) + 0.5)
-    return coefficients @ _legendre(x, order)
-
-
-def _legendre(x: np.ndarray, count: int) -> np.ndarray:
-    values = [np.ones_like(x), x]
-    for m in range(1, count - 1):
-        values.append(((2 * m + 1) * x * values[m] - m * values[m - 1]) / (m + 1))
-    return np.stack(values[:count])
+    return coefficients @ np.stack(legendre(x, order))
 
 
 def _panel(kernel: Kernel, a: float, b: float, order: int) -> np.ndarray:

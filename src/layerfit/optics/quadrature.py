@@ -13,6 +13,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float
 
+from .gauss import legendre, unit_gauss
+
 _GAP = 1e-6  # two indices that are free to differ are kept this far apart, or a panel would have no width (and its weights no derivative)
 
 
@@ -70,7 +72,7 @@ def ordinates(n: Float[Array, "media"], groups: tuple[int, ...], counts: tuple[i
     W, p, inner = [], [], []
     low = jnp.zeros(())
     for k, count in enumerate(counts):
-        x, weight = _gauss(count)
+        x, weight = unit_gauss(count)
         high = edges[k]
         span = jnp.sqrt((high - low) * (high + low)) / high
         mu = span * x
@@ -93,24 +95,17 @@ def collected_share(rule: Ordinates, counts: tuple[int, ...], medium: int, na: f
     n = rule.n[medium]
     shares, low = [], jnp.zeros(())
     for k, count in enumerate(counts):
-        x, weight = _gauss(count)
+        x, weight = unit_gauss(count)
         high = rule.edges[k]
         span2 = (high - low) * (high + low)
         cut = jnp.sqrt(jnp.clip((high - na) * (high + na) / span2, 0.0, 1.0))  # directions are collected from this x to 1
-        y, w = _gauss(count + 1)
+        y, w = unit_gauss(count + 1)
         y = cut + (1.0 - cut) * y
         basis = np.polynomial.legendre.legvander(2.0 * x - 1.0, count - 1) * weight[:, None] * (2.0 * np.arange(count) + 1.0)
-        at = _legendre(2.0 * y - 1.0, count)
+        at = jnp.stack(legendre(2.0 * y - 1.0, count))
         shares.append(basis @ at @ ((1.0 - cut) * w * y) / (weight * x) * (high <= n))
         low = high
     return jnp.concatenate(shares)
-
-
-def _legendre(x: Float[Array, "*s"], count: int) -> Float[Array, "count *s"]:
-    rows = [jnp.ones_like(x), x]
-    for l in range(1, count - 1):
-        rows.append(((2 * l + 1) * x * rows[l] - l * rows[l - 1]) / (l + 1))
-    return jnp.stack(rows[:count])
 
 
 def cosine(n: Float[Array, "..."], p: Float[Array, "..."]) -> tuple[Float[Array, "..."], Bool[Array, "..."]]:
@@ -118,8 +113,3 @@ def cosine(n: Float[Array, "..."], p: Float[Array, "..."]) -> tuple[Float[Array,
     square = (n - p) * (n + p) / n**2
     real = square > 0.0
     return jnp.where(real, jnp.sqrt(jnp.where(real, square, 1.0)), 1.0), real
-
-
-def _gauss(n: int) -> tuple[np.ndarray, np.ndarray]:
-    x, w = np.polynomial.legendre.leggauss(n)
-    return 0.5 * (x + 1.0), 0.5 * w

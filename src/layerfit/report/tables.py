@@ -2,6 +2,7 @@
 
 import math
 import platform
+from collections.abc import Collection, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
@@ -105,6 +106,17 @@ def _derived(scene: Scene, x: Float[AnyArray, "p"]) -> tuple[Float[Array, "q lay
         return jnp.stack([mu_eff, 1.0 / mu_eff, 1.0 / columns.sigma_t_prime, columns.sigma_s_prime / columns.sigma_t_prime])
 
     return quantities(x), jax.jacfwd(quantities)(x)
+
+
+def aligned(rows: Sequence[Sequence[str]], left: Collection[int]) -> list[str]:
+    """Lines whose columns stand under one another. left : columns flush left, the others are flush right.
+
+    >>> aligned([("a", "1.5"), ("long", "22")], left=[0])
+    ['a     1.5', 'long   22']
+    """
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    padded = ([f"{text:{'<' if i in left else '>'}{width}}" for i, (text, width) in enumerate(zip(row, widths, strict=True))] for row in rows)
+    return ["  ".join(row).rstrip() for row in padded]
 
 
 def versions() -> dict[str, str]:

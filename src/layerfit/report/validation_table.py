@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .tables import aligned
+
 if TYPE_CHECKING:
     from ..validation import Validation
 
@@ -54,11 +56,7 @@ def validation_text(validation: "Validation") -> str:
         stated = "none" if row["stated_error"] is None else f"{row['stated_error']:.2g}"
         numbers = (f"{row['value']:.5g}", stated, f"{row['monte_carlo']:.5g}", f"{row['standard_error']:.2g}", deviation, f"{row['z']:+.1f}")
         cells.append((row["measurement"], row["place"], *numbers, row["finding"]))
-    widths = [max(len(line[i]) for line in cells) for i in range(len(cells[0]))]
-    table = []
-    for line in cells:
-        padded = [text.ljust(width) if i < 2 else text.rjust(width) for i, (text, width) in enumerate(zip(line, widths, strict=True))]
-        table.append(f"  {'  '.join(padded[:-1])}  {line[-1]}".rstrip())
+    table = [f"  {line}" for line in aligned(cells, left=(0, 1, len(cells[0]) - 1))]
     return "\n".join([_headline(validation, rows), *table, *(f"  ! {note}" for note in validation.notes)])
 
 

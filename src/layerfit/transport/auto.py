@@ -63,19 +63,17 @@ class Auto(Solver):
         )
 
     def check(self, stack: Stack, geometry: Geometry) -> None:
-        reasons = []
-        for solver in (DiscreteOrdinates(), LayeredDiffusion()):
-            try:
-                return solver.check(stack, geometry)
-            except InputError as error:
-                reasons.append(str(error))
-        raise InputError("; ".join(dict.fromkeys(reasons)))
+        refusals = [solver.refusal(stack, [geometry]) for solver in (DiscreteOrdinates(), LayeredDiffusion())]
+        if None not in refusals:
+            raise InputError("; ".join(dict.fromkeys(filter(None, refusals))))
 
     def choose(self, stack: Stack, geometries: Sequence[Geometry], resolution: float | None = None) -> Choice:
         for geometry in geometries:
             self.check(stack, geometry)
         found = self._from(0, stack, geometries, self.allowed(resolution))
-        assert found is not None  # `check` found a solver
+        if found is None:
+            reasons = dict.fromkeys(solver.refusal(stack, geometries) for solver in self.ladder())
+            raise InputError(f"no solver can predict all measurements together: {'; '.join(filter(None, reasons))}; lf.FirstAble takes one for each")
         return found
 
     def choose_again(self, before: Choice, stack: Stack, geometries: Sequence[Geometry], resolution: float | None = None) -> Choice | None:
@@ -92,11 +90,9 @@ class Auto(Solver):
         tried: list[tuple[int, Candidate]] = []
         refused = ""
         for rung, solver in list(enumerate(self.ladder()))[lowest:]:
-            try:
-                for geometry in geometries:
-                    solver.check(stack, geometry)
-            except InputError as error:
-                refused = str(error)
+            refusal = solver.refusal(stack, geometries)
+            if refusal is not None:
+                refused = refusal
                 continue
             tried.append((rung, candidate(solver, stack, geometries)))
             if tried[-1][1].error <= allowed:
@@ -114,15 +110,19 @@ def candidate(solver: Solver, stack: Stack, geometries: Sequence[Geometry]) -> C
     """A solver tried on a scene: diffusion by what is known of it, others by running them."""
     columns = to_columns(stack)
     if isinstance(solver, LayeredDiffusion):
-        return Candidate(solver, max(float(np.max(known_error(columns, geometry))) for geometry in geometries), None)
+        return Candidate(solver, _largest([known_error(columns, geometry) for geometry in geometries]), None)
     forward = solver.forward(Domain(stack, columns, columns), geometries, [(0.0, 0.0)] * len(geometries))
     found = forward.evaluate(columns)
-    worst = 0.0
-    for values, errors in zip(found.values, found.errors, strict=True):
-        worst = max(worst, float(np.max(np.abs(errors) / np.maximum(np.abs(values), 1e-300))) if errors is not None else np.inf)
+    pairs = zip(found.values, found.errors, strict=True)
+    shares = [np.full(v.size, np.inf) if e is None else np.abs(e) / np.maximum(np.abs(v), 1e-300) for v, e in pairs]
     start = time.perf_counter()
     jax.block_until_ready(forward.run(columns))
-    return Candidate(solver, worst if np.isfinite(worst) else np.inf, time.perf_counter() - start)
+    return Candidate(solver, _largest(shares), time.perf_counter() - start)
+
+
+def _largest(shares: Sequence[np.ndarray]) -> float:
+    """The largest relative error; one that is no number counts as infinite."""
+    return float(np.max(np.nan_to_num(np.concatenate(shares), nan=np.inf, posinf=np.inf)))
 
 
 def _why(taken: Candidate, passed_over: list[Candidate], allowed: float, refused: str) -> str:

@@ -199,8 +199,6 @@ def _values(plan: ProfilePlan, columns: Columns, shift: Float[Array, ""] | None)
 
 _profile = eqx.filter_jit(_values)
 
-_CAUTION = 1.0
-
 
 def profiles_forward(
     domain: Domain, geometries: Sequence[Geometry], shifts: Sequence[tuple[float, float]], fine: Fineness, coarse: Fineness
@@ -232,5 +230,5 @@ class ProfilesForward(Forward):
             value, half = (np.asarray(v) for v in _profile(plan, columns, None))
             other = np.asarray(_profile(coarse, columns, None)[0])
             found.append(value)
-            errors.append(_CAUTION * (np.abs(value - other) + np.abs(value - half)))
+            errors.append(np.abs(value - other) + np.abs(value - half))
         return Evaluation(tuple(found), tuple(errors))

@@ -1,14 +1,10 @@
-"""A comparison of solvers as rows, text and files."""
+"""A comparison of solvers as a table."""
 
-import json
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..files import writable_folder, write
-from .html import svg
-from .tables import versions
+from .tables import aligned
 
 if TYPE_CHECKING:
     from ..comparison import Comparison
@@ -51,30 +47,9 @@ def comparison_text(comparison: "Comparison") -> str:
         )
         mark = "*" if row["auto"] else ""
         cells.append((mark, row["solver"], f"{row['first_seconds']:.1f}", f"{1e3 * row['warm_seconds']:.3g}", median, largest, stated))
-    widths = [max(len(line[i]) for line in cells) for i in range(len(cells[0]))]
-    lines = []
-    for line in cells:
-        padded = [text.ljust(width) if i < 2 else text.rjust(width) for i, (text, width) in enumerate(zip(line, widths, strict=True))]
-        lines.append("  ".join(padded).rstrip())
     own = comparison.reference_error[np.isfinite(comparison.reference_error)]
     known = f", itself good to {100 * np.median(own):.2g} % (median)" if own.size else ""
     headline = f"errors against {comparison.reference}{known}; * is what auto takes"
-    return "\n".join([headline, *lines, *(f"  refused: {text.strip()}" for text in refusals), *(f"  ! {note}" for note in comparison.why)])
-
-
-def save_comparison(comparison: "Comparison", folder: Any) -> dict[str, Path]:
-    """comparison.json, comparison.txt and comparison.svg; returns the paths by file name."""
-    folder = writable_folder(folder)
-    content = {
-        "reference": comparison.reference,
-        "rows": comparison.table(),
-        "notes": list(comparison.why),
-        "stack": repr(comparison.stack),
-        "versions": versions(),
-    }
-    files = {
-        "comparison.json": json.dumps(content, indent=1, allow_nan=False) + "\n",
-        "comparison.txt": comparison.summary() + "\n",
-        "comparison.svg": svg(comparison.plot()),
-    }
-    return {name: write(folder / name, text) for name, text in files.items()}
+    return "\n".join(
+        [headline, *aligned(cells, left=(0, 1)), *(f"  refused: {text.strip()}" for text in refusals), *(f"  ! {note}" for note in comparison.why)]
+    )
