@@ -71,6 +71,9 @@ class Forward(eqx.Module):
         return Evaluation(values, self.error(columns) or (None,) * len(values))
 
 
+Resolution = Sequence[np.ndarray]
+
+
 class Choice(NamedTuple):
     """The solver that will run, and why. rung : 0 for the cheapest of those a solver chooses from."""
 
@@ -99,14 +102,14 @@ class Solver(eqx.Module):
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in self.settings.items())})"
 
-    def choose(self, stack: Stack, geometries: Sequence[Geometry], resolution: float | None = None) -> "Choice":
+    def choose(self, stack: Stack, geometries: Sequence[Geometry], resolution: Resolution | None = None) -> "Choice":
         """The solver that will run; only a solver that chooses returns another than itself.
 
-        resolution : relative error that the data cannot tell from none; None where there are no data.
+        resolution : relative sd of the data, one array a geometry; None where there are no data or none is known.
         """
         return Choice(self, ())
 
-    def choose_again(self, before: "Choice", stack: Stack, geometries: Sequence[Geometry], resolution: float | None = None) -> "Choice | None":
+    def choose_again(self, before: "Choice", stack: Stack, geometries: Sequence[Geometry], resolution: Resolution | None = None) -> "Choice | None":
         """A better choice where an earlier one no longer holds for a stack, None where it does."""
         return None
 

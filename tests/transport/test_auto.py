@@ -7,7 +7,7 @@ import pytest
 
 import layerfit as lf
 from layerfit.solver import Choice
-from layerfit.transport.auto import candidate
+from layerfit.transport.auto import Candidate, candidate
 
 DEEP = lf.Stack([lf.HalfSpace("deep", sigma_a=0.01, sigma_s_prime=1.0, g=0.8, n=1.4)])
 WITHOUT_G = lf.Stack([lf.HalfSpace("deep", sigma_a=0.01, sigma_s_prime=1.0, n=1.4)])
@@ -47,15 +47,47 @@ def test_a_fit_says_it_and_looks_again():
     assert problem.chosen == lf.LayeredDiffusion()
     result = lf.fit(problem, starts=1)
     assert any("solver auto took layered-diffusion" in warning for warning in result.warnings)
-    assert problem.solver.choose_again(problem.choice, WITHOUT_G.set({"deep.sigma_a": 5.0}), [data.geometry], 0.3) is None
-    again = problem.solver.choose_again(problem.choice, DEEP.set({"deep.sigma_a": 1.0}), [lf.RadialReflectance(r=[1.0])], 0.3)
+    assert problem.solver.choose_again(problem.choice, WITHOUT_G.set({"deep.sigma_a": 5.0}), [data.geometry], [np.full(8, 0.3)]) is None
+    again = problem.solver.choose_again(problem.choice, DEEP.set({"deep.sigma_a": 1.0}), [lf.RadialReflectance(r=[1.0])], [np.array([0.3])])
     assert again is not None and again.rung >= 1
 
 
 def test_an_error_that_is_no_number_is_no_small_error(monkeypatch):
     """A rung whose stated error is NaN is passed over."""
     monkeypatch.setattr("layerfit.transport.auto.known_error", lambda columns, geometry: np.full(geometry.size, np.nan))
-    assert candidate(lf.LayeredDiffusion(), DEEP, [lf.RadialReflectance(r=[10.0])]).error == np.inf
+    assert candidate(lf.LayeredDiffusion(), DEEP, [lf.RadialReflectance(r=[10.0])]).excess(0.01) == np.inf
+
+
+def _ladder_of(monkeypatch, *rungs):
+    """Auto over rungs with given values and stated errors in place of solvers that run; the first is diffusion."""
+    made = [Candidate(lf.LayeredDiffusion(), np.full(len(rungs[0][0]), 0.3))]
+    made += [Candidate(s, np.array(e), np.array(v), 1e-3) for s, (v, e) in zip(lf.Auto.ladder()[1:], rungs, strict=False)]
+    monkeypatch.setattr("layerfit.transport.auto.candidate", lambda solver, *_: made[lf.Auto.ladder().index(solver)])
+    return lambda auto, resolution=None: auto.choose(DEEP, [lf.RadialReflectance(r=[1.0, 2.0])], resolution)
+
+
+def test_a_rung_that_the_next_one_shows_to_be_good_is_taken(monkeypatch):
+    """Half of what is allowed apart, whatever it states itself."""
+    choose = _ladder_of(monkeypatch, ([1.0, 2.004], [0.02, 0.02]), ([1.0, 2.0], [0.015, 0.015]), ([1.0, 2.0], [0.001, 0.001]))
+    choice = choose(lf.Auto(tolerance=0.005))
+    assert choice.rung == 1
+    assert "error against discrete-ordinates" in choice.notes[0] and "at most 0.4 %" in choice.notes[0]
+    assert choose(lf.Auto(tolerance=0.003)).rung == 2  # shown by the third
+
+
+def test_each_value_by_its_own_sd(monkeypatch):
+    """A third of the sd: a large error is allowed where the data are noisy."""
+    choose = _ladder_of(monkeypatch, ([1.0, 2.5], [0.001, 0.25]), ([1.0, 2.0], [0.001, 0.001]))
+    assert choose(lf.Auto(), [np.array([0.01, 0.8])]).rung == 1
+    assert choose(lf.Auto(), [np.array([0.8, 0.01])]).rung == 2
+
+
+def test_where_nothing_is_good_enough_the_typical_error_decides(monkeypatch):
+    """One hopeless value, far away, does not bring diffusion back."""
+    far = [9.0, 8.0, 5.0]
+    choose = _ladder_of(monkeypatch, *(([1.0 + e / 100.0, 2.0, e], [0.001, e / 500.0, e]) for e in far))
+    choice = choose(lf.Auto(tolerance=0.001))
+    assert choice.rung == 3 and "nothing better" in choice.notes[0]
 
 
 def test_no_solver_for_all_measurements_together():

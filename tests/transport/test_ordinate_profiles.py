@@ -159,3 +159,12 @@ def test_a_layer_by_both_kinds_of_doubling_and_in_two_halves():
     deep = thick_layer(sheet, k, 11, jnp.ones(()))[0]
     far = thick_layer(sheet._replace(depth=jnp.asarray(60.0)), k, 18, jnp.zeros(()))[0]
     assert np.max(np.abs(np.asarray(deep - far))) <= 1e-9
+
+
+def test_fine_stripes_on_a_half_space_see_no_depth():
+    """k of 1600 sigma_t': a half space and a slab of 20 transport mean free paths, whose doublings are not the same, give one R(k)."""
+    k = np.array([300.0, 2500.0])
+    deep = lf.Stack([lf.HalfSpace("deep", sigma_a=0.5, sigma_s_prime=1.0, g=0.8, n=1.4)])
+    slab = lf.Stack([lf.Layer("slab", sigma_a=0.5, sigma_s_prime=1.0, g=0.8, n=1.4, thickness=13.0)], n_below=1.4)
+    a, b = (lf.predict(stack, lf.SpatialFrequency(k=k), solver=lf.DiscreteOrdinates(streams=12, orders=4))[0].values for stack in (deep, slab))
+    assert np.all(np.abs(a - b) <= 1e-8)

@@ -20,10 +20,10 @@ from .parameters import FreeParameter, Tie, free_parameters, parse_ties
 RELATIVE_NOISE = 1.0  # placeholder where the noise is estimated from the fit
 
 
-def _resolution(data: Sequence[Dataset]) -> float | None:
-    """Relative error that the best of the data resolve: the least median sd of a dataset; None where none has an sd."""
-    shares = [float(np.median(d.sd / np.maximum(np.abs(d.values), 1e-300))) for d in data if d.sd is not None]
-    return min(shares) if shares else None
+def _resolution(data: Sequence[Dataset]) -> tuple[np.ndarray, ...] | None:
+    """Relative sd of all values, one array a dataset; None where the data have none."""
+    shares = tuple(d.sd / np.maximum(np.abs(d.values), 1e-300) for d in data if d.sd is not None)
+    return shares or None
 
 
 class Problem(eqx.Module):

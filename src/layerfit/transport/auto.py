@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..measurement.geometry import Geometry
 from ..scene.columns import to_columns
 from ..scene.stack import Stack
-from ..solver import Choice, Domain, Forward, Solver
+from ..solver import Choice, Domain, Forward, Resolution, Solver
 from .diffusion_error import known_error
 from .discrete_ordinates import DiscreteOrdinates
 from .layered_diffusion import LayeredDiffusion
@@ -21,11 +21,21 @@ TOLERANCE = 0.01
 
 
 class Candidate(NamedTuple):
-    """A rung of the ladder tried on a scene. error : largest stated relative error of all values. seconds : of a warm prediction, None if not run."""
+    """A rung of the ladder tried on a scene.
+
+    errors : relative error of all values one after another, infinite where unknown. values : None where not run. seconds : of a warm prediction.
+    checked : the solver whose values gave the errors, where they are not its own statement.
+    """
 
     solver: Solver
-    error: float
-    seconds: float | None
+    errors: np.ndarray
+    values: np.ndarray | None = None
+    seconds: float | None = None
+    checked: Solver | None = None
+
+    def excess(self, allowed: np.ndarray | float) -> float:
+        """Largest error in units of what is allowed."""
+        return float(np.max(self.errors / allowed))
 
 
 class Auto(Solver):
@@ -67,7 +77,7 @@ class Auto(Solver):
         if None not in refusals:
             raise InputError("; ".join(dict.fromkeys(filter(None, refusals))))
 
-    def choose(self, stack: Stack, geometries: Sequence[Geometry], resolution: float | None = None) -> Choice:
+    def choose(self, stack: Stack, geometries: Sequence[Geometry], resolution: Resolution | None = None) -> Choice:
         for geometry in geometries:
             self.check(stack, geometry)
         found = self._from(0, stack, geometries, self.allowed(resolution))
@@ -76,17 +86,24 @@ class Auto(Solver):
             raise InputError(f"no solver can predict all measurements together: {'; '.join(filter(None, reasons))}; lf.FirstAble takes one for each")
         return found
 
-    def choose_again(self, before: Choice, stack: Stack, geometries: Sequence[Geometry], resolution: float | None = None) -> Choice | None:
-        if candidate(before.solver, stack, geometries).error <= self.allowed(resolution):
+    def choose_again(self, before: Choice, stack: Stack, geometries: Sequence[Geometry], resolution: Resolution | None = None) -> Choice | None:
+        allowed = self.allowed(resolution)
+        if candidate(before.solver, stack, geometries).excess(allowed) <= 1.0:
             return None
-        return self._from(before.rung + 1, stack, geometries, self.allowed(resolution))
+        found = self._from(before.rung, stack, geometries, allowed)
+        return None if found is None or found.rung <= before.rung else found
 
-    def allowed(self, resolution: float | None) -> float:
-        """Largest relative error that may remain."""
-        return self.tolerance or (TOLERANCE if resolution is None else resolution / 3.0)
+    def allowed(self, resolution: Resolution | None) -> np.ndarray | float:
+        """Largest relative error that may remain in each value."""
+        if self.tolerance is not None or resolution is None:
+            return self.tolerance or TOLERANCE
+        return np.maximum(np.concatenate(resolution) / 3.0, 1e-300)
 
-    def _from(self, lowest: int, stack: Stack, geometries: Sequence[Geometry], allowed: float) -> Choice | None:
-        """The first rung from ``lowest`` on that will do, else the best there is; None where no such rung can do the scene."""
+    def _from(self, lowest: int, stack: Stack, geometries: Sequence[Geometry], allowed: np.ndarray | float) -> Choice | None:
+        """The first rung from ``lowest`` on that will do, else the best there is; None where no such rung can do the scene.
+
+        A rung will do by its own statement, or where the next one shows that it is good enough.
+        """
         tried: list[tuple[int, Candidate]] = []
         refused = ""
         for rung, solver in list(enumerate(self.ladder()))[lowest:]:
@@ -95,11 +112,13 @@ class Auto(Solver):
                 refused = refusal
                 continue
             tried.append((rung, candidate(solver, stack, geometries)))
-            if tried[-1][1].error <= allowed:
+            if len(tried) > 1 and (shown := _shown(tried[-2][1], tried[-1][1])).excess(allowed) <= 1.0:
+                tried = [*tried[:-2], (tried[-2][0], shown)]
+            if tried[-1][1].excess(allowed) <= 1.0:
                 break
         if not tried:
             return None
-        rung, taken = min(tried, key=lambda pair: pair[1].error) if not tried[-1][1].error <= allowed else tried[-1]
+        rung, taken = tried[-1] if tried[-1][1].excess(allowed) <= 1.0 else min(tried, key=lambda pair: float(np.median(pair[1].errors)))
         return Choice(taken.solver, (_why(taken, [one for _, one in tried if one is not taken], allowed, refused),), rung)
 
     def forward(self, domain: Domain, geometries: Sequence[Geometry], shifts: Sequence[tuple[float, float]]) -> Forward:
@@ -110,26 +129,43 @@ def candidate(solver: Solver, stack: Stack, geometries: Sequence[Geometry]) -> C
     """A solver tried on a scene: diffusion by what is known of it, others by running them."""
     columns = to_columns(stack)
     if isinstance(solver, LayeredDiffusion):
-        return Candidate(solver, _largest([known_error(columns, geometry) for geometry in geometries]), None)
+        return Candidate(solver, _finite(np.concatenate([known_error(columns, geometry) for geometry in geometries])))
     forward = solver.forward(Domain(stack, columns, columns), geometries, [(0.0, 0.0)] * len(geometries))
     found = forward.evaluate(columns)
-    pairs = zip(found.values, found.errors, strict=True)
-    shares = [np.full(v.size, np.inf) if e is None else np.abs(e) / np.maximum(np.abs(v), 1e-300) for v, e in pairs]
+    values = np.concatenate(found.values)
+    errors = np.concatenate([np.full(v.size, np.inf) if e is None else e for v, e in zip(found.values, found.errors, strict=True)])
     start = time.perf_counter()
     jax.block_until_ready(forward.run(columns))
-    return Candidate(solver, _largest(shares), time.perf_counter() - start)
+    return Candidate(solver, _share(errors, values), values, time.perf_counter() - start)
 
 
-def _largest(shares: Sequence[np.ndarray]) -> float:
-    """The largest relative error; one that is no number counts as infinite."""
-    return float(np.max(np.nan_to_num(np.concatenate(shares), nan=np.inf, posinf=np.inf)))
+_CAUTION = 2.0  # the better of two rungs is wrong too
 
 
-def _why(taken: Candidate, passed_over: list[Candidate], allowed: float, refused: str) -> str:
+def _shown(rung: Candidate, better: Candidate) -> Candidate:
+    """A rung with its errors as the next one shows them."""
+    if rung.values is None or better.values is None:
+        return rung
+    return rung._replace(errors=_share(_CAUTION * (rung.values - better.values), better.values), checked=better.solver)
+
+
+def _share(errors: np.ndarray, values: np.ndarray) -> np.ndarray:
+    return _finite(np.abs(errors) / np.maximum(np.abs(values), 1e-300))
+
+
+def _finite(errors: np.ndarray) -> np.ndarray:
+    """An error that is no number counts as infinite."""
+    return np.nan_to_num(errors, nan=np.inf, posinf=np.inf)
+
+
+def _why(taken: Candidate, passed_over: list[Candidate], allowed: np.ndarray | float, refused: str) -> str:
     """The choice in words."""
     cost = "" if taken.seconds is None else f", {1e3 * taken.seconds:.2g} ms a prediction"
-    said = f"solver auto took {taken.solver.label}: stated error at most {100 * taken.error:.2g} %, {100 * allowed:.2g} % allowed{cost}"
-    said += "".join(f"; {one.solver.label} is off by {100 * one.error:.2g} %" for one in passed_over[:1])
-    if not taken.error <= allowed:
-        said += "; nothing better is there than this" + (f" ({refused})" if refused else "")
+    limit = "at most a third of the data's sd" if isinstance(allowed, np.ndarray) else f"{100 * allowed:.2g} %"
+    at = int(np.argmax(taken.errors / allowed))
+    source = "stated error" if taken.checked is None else f"error against {taken.checked.label}"
+    said = f"solver auto took {taken.solver.label}: {source} at most {100 * taken.errors[at]:.2g} %, {limit} allowed{cost}"
+    said += "".join(f"; {one.solver.label} is off by {100 * np.max(one.errors):.2g} %" for one in passed_over[:1])
+    if not taken.excess(allowed) <= 1.0:
+        said += f"; median {100 * np.median(taken.errors):.2g} %; nothing better is there than this" + (f" ({refused})" if refused else "")
     return said

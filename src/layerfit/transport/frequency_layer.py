@@ -96,7 +96,17 @@ def _doubled(Y: Float[Array, "c c"], Z: Float[Array, "c c"]) -> tuple[Float[Arra
     return twice @ Y, Z @ twice
 
 
-DEEP = 11  # steps of a half space: 7 for what diffuses, the rest for light straight sideways at large k, whose modes hardly decay
+_ACROSS = 0.1
+_DEEP, _FAR = 11, 1600.0  # steps of a half space: 7 for what diffuses, 11 for frequencies up to so many times sigma_t', another for each doubling
+
+
+def deep_steps(ratio: float) -> int:
+    """Steps that a half space needs for frequencies up to ratio times its sigma_t'.
+
+    >>> deep_steps(100.0), deep_steps(4000.0)
+    (11, 13)
+    """
+    return _DEEP + int(np.ceil(np.log2(max(ratio / _FAR, 1.0))))
 
 
 def thick_layer(sheet: Sheet, k: Float[Array, ""], steps: int, deep: Float[Array, ""]) -> tuple[Float[Array, "c c"], Float[Array, "c c"]]:
@@ -113,7 +123,8 @@ def thick_layer(sheet: Sheet, k: Float[Array, ""], steps: int, deep: Float[Array
     Y, Z = _rational(A, B, 0.5 * sheet.depth / 2.0**steps)
     Y, Z = (jnp.where(deep, whole, start) for whole, start in ((A, Y), (B, Z)))
     fastest = jax.lax.stop_gradient(jnp.max(jnp.sum(jnp.abs(A), axis=1)) * jnp.max(jnp.sum(jnp.abs(B), axis=1)))
-    slowest = jax.lax.stop_gradient(jnp.minimum(k**2 + sheet.decay, fastest))
+    across = sheet.rate**2 + (_ACROSS * k) ** 2  # at large k the slowest modes run straight down, or across the wave
+    slowest = jax.lax.stop_gradient(jnp.minimum(jnp.minimum(k**2 + sheet.decay, across), fastest))
 
     def step(state, _):
         Y, Z, low, high = state

@@ -22,7 +22,7 @@ from ..optics.quadrature import collected_share
 from ..scene.columns import Columns
 from ..solver import Domain, Evaluation, Forward
 from .fineness import Fineness, scales
-from .frequency_layer import DEEP
+from .frequency_layer import deep_steps
 from .frequency_response import Sample, Steps, make_sheets, unscattered, values
 from .layered_diffusion import LayeredDiffusion
 from .matrix import Matrix
@@ -136,7 +136,7 @@ def _steps(domain: Domain, grid: Grid, k: float) -> Steps:
     n = grid.root.shape[1]
     low, high = domain.low, domain.high
     sigma_low, sigma_high = (np.asarray(c.sigma_a + c.sigma_s_prime / (1.0 - c.g)) for c in (low, high))
-    thin, of_thin, of_thick = [], 0, DEEP if low.half_space else 0
+    thin, of_thin, of_thick = [], 0, deep_steps(k / float(low.sigma_t_prime[-1])) if low.half_space else 0
     for i, (least, most) in enumerate(zip(np.asarray(low.thickness), np.asarray(high.thickness), strict=True)):
         mu = np.where(np.asarray(grid.real[i + 1]), np.asarray(grid.mu[i + 1]), 1.0)[:n]
         fastest = 0.5 * most * np.max((sigma_high[i] + k * np.sqrt(1.0 - mu**2)) / mu)
