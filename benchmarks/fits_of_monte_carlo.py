@@ -44,7 +44,19 @@ def thinned(case, values, se):
 
 
 def fitted(case, names, solver):
-    """The fit and the truth by name."""
+    """The fit of all profiles, and the truth by name."""
+    kinds = [(lf.RadialReflectance, case.R, case.R_se, "R")]
+    kinds += [] if case.stack.half_space else [(lf.RadialTransmittance, case.T, case.T_se, "T")]
+    data = []
+    for kind, values, se, name in kinds:
+        low, high, value, sd = thinned(case, values, se)
+        data.append(lf.Dataset(kind(r_min=low, r_max=high), value, sd, name=name))
+    problem, truth = posed(case, names, solver, data)
+    return lf.fit(problem), truth
+
+
+def posed(case, names, solver, data):
+    """The problem with these kinds of numbers free, and the truth by name."""
     guess = lf.Stack(  # written with sigma_s_prime, so that it can be free
         [
             lf.HalfSpace(x.name, sigma_a=x.sigma_a, sigma_s_prime=x.sigma_s_prime, g=x.g, n=x.n)
@@ -56,12 +68,6 @@ def fitted(case, names, solver):
         n_below=case.stack.n_below,
     )
     truth = {f"{x.name}.{n}": float(getattr(x, n)) for x in guess.layers for n in names if not (n == "thickness" and isinstance(x, lf.HalfSpace))}
-    kinds = [(lf.RadialReflectance, case.R, case.R_se, "R")]
-    kinds += [] if case.stack.half_space else [(lf.RadialTransmittance, case.T, case.T_se, "T")]
-    data = []
-    for kind, values, se, name in kinds:
-        low, high, value, sd = thinned(case, values, se)
-        data.append(lf.Dataset(kind(r_min=low, r_max=high), value, sd, name=name))
     free = {}
     for i, (name, value) in enumerate(truth.items()):
         span = SPAN[name.rsplit(".", 1)[1]]
@@ -70,7 +76,7 @@ def fitted(case, names, solver):
             low = max(low, 1.05 / (0.5 * float(guess.get(name.replace("thickness", "sigma_s_prime")))))
         init = value * (1.6 if i % 2 else 0.6)
         free[name] = {"min": low, "max": value * span, "init": max(init, low)}
-    return lf.fit(lf.Problem(guess, data, free=free, solver=solver)), truth
+    return lf.Problem(guess, data, free=free, solver=solver), truth
 
 
 def text(estimate):
