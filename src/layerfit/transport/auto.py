@@ -39,13 +39,14 @@ class Candidate(NamedTuple):
 
 
 class Auto(Solver):
-    """The cheapest solver whose stated error is small enough: diffusion where it is known to hold, else discrete ordinates, coarse before fine.
+    """The cheapest solver whose error is small enough: diffusion where it is known to hold, else discrete ordinates, coarse before fine.
 
-    In a fit the data say how small; the choice is made at the start and looked at again at the result.
+    A solver is good enough by its own statement, or where the next finer one differs by half of what is allowed or less. In a fit the data say how
+    much, value by value; the choice is made at the start and looked at again at the result.
 
     Arguments
     ---------
-    tolerance : largest relative error of any value [1]. Left out: a third of what the data resolve, 1 % without data.
+    tolerance : largest relative error of any value [1]. Left out: a third of each value's sd, 1 % without data.
 
     Raises InputError for a tolerance that is not above 0.
 
