@@ -1,23 +1,30 @@
 """What a person states: a stack, data, what is free, and a solver."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, one_of
 from ..measurement.dataset import Dataset
 from ..measurement.geometry import Radial
 from ..scene.stack import Stack
-from ..solver import Choice, Domain, Solver
+from ..solver import Choice, Domain, Forward, Solver
 from ..transport.auto import Auto
+from .likelihood import Likelihood, parse_likelihoods
 from .model import Model, Scene
-from .parameters import FreeParameter, Tie, free_parameters, parse_ties
+from .model_error import error_covariances, stated_errors
+from .parameters import MODEL_ERROR, FreeParameter, free_parameters
+from .priors import LogNormal
+from .scatter import NormalScatter
+from .ties import Tie, parse_ties
 
 RELATIVE_NOISE = 1.0  # placeholder where the noise is estimated from the fit
+ModelError = Literal["off", "on", "free"]
+_FREE_SCALE = {"min": 0.1, "max": 10.0, "init": 1.0, "prior": LogNormal(1.0, 2.0)}
 
 
 def _resolution(data: Sequence[Dataset]) -> float | None:
@@ -36,7 +43,12 @@ class Problem(eqx.Module):
     free : ``{"layer.number": (min, max)}``, or with a table ``{"min":, "max":, "init":, "scale": "log" | "linear"}``. Any number of the stack
         (``stack.names``), and of each dataset ``name.amplitude`` (factor on the prediction), ``name.offset`` (added to r) and ``name.background``
         (added to the prediction).
-    ties : ``{"layer.number": "other.number"}`` or ``(other, factor)``: numbers that follow others.
+        A table may give a ``"prior"``: ``lf.Normal(1.0, 0.05)``, ``{"normal": [1.0, 0.05]}`` ... (default: uniform between the bounds).
+    ties : ``{"layer.number": "other.number"}`` or ``(other, factor)``: numbers that follow others; or a function of the stack.
+    likelihood : how the data scatter, one for all or ``{measurement: likelihood}``: lf.GaussianNoise() (default), lf.StudentT(nu),
+        lf.Poisson() (default for counts), lf.CorrelatedNoise(relative, length).
+    model_error : whether the error that the solver states of itself is part of the uncertainty: "off", "on", or "free" with its scale as the free
+        number ``scene.model_error`` (by default log-normal about 1 with a factor of 2: data see only that of it which no other number absorbs).
     solver : how the data are predicted. choice : the one of a solver that chooses, where it is known already.
 
     Raises InputError where something does not fit together, before anything runs.
@@ -52,6 +64,8 @@ class Problem(eqx.Module):
     data: tuple[Dataset, ...]
     parameters: tuple[FreeParameter, ...]
     ties: tuple[Tie, ...]
+    likelihoods: tuple[Likelihood, ...]
+    model_error: ModelError = eqx.field(static=True)
     solver: Solver
     choice: Choice
     model: Model
@@ -63,17 +77,23 @@ class Problem(eqx.Module):
         *,
         free: Mapping[str, Any],
         ties: Mapping[str, Any] | None = None,
+        likelihood: Any = None,
+        model_error: ModelError = "off",
         solver: Solver | None = None,
         choice: Choice | None = None,
     ):
         self.stack = stack if isinstance(stack, Stack) else Stack((stack,))
         self.data = (data,) if isinstance(data, Dataset) else tuple(data)
         self._check_names()
-        self.parameters = free_parameters(self.stack, self.data, free)
+        one_of(model_error, ("off", "on", "free"), "model_error")
+        self.model_error = model_error
+        self.parameters = free_parameters(self.stack, self.data, {**free, MODEL_ERROR: _FREE_SCALE} if self._adds_scale(free) else free)
+        self.likelihoods = parse_likelihoods(likelihood, self.data)
+        self._check_likelihoods()
         self.ties = parse_ties(self.stack, self.parameters, ties or {})
-        count = sum(d.geometry.size for d in self.data)
-        if len(self.parameters) > count:
-            raise InputError(f"{len(self.parameters)} free parameters and {count} measured values; allowed are at most as many parameters as values")
+        count, flat = sum(d.geometry.size for d in self.data), sum(not p.prior.square for p in self.parameters)
+        if flat > count:
+            raise InputError(f"{flat} free parameters and {count} measured values; allowed are at most as many parameters as values")
         self.solver = Auto() if solver is None else solver
         geometries = [d.geometry for d in self.data]
         start = self.stack.set({p.name: p.init for p in self.parameters if p.name in self.stack.names})
@@ -84,8 +104,12 @@ class Problem(eqx.Module):
         forward = self.chosen.forward(self._domain(scene), geometries, [self._shift(d) for d in self.data])
         if not forward.differentiable:
             raise InputError(f"solver {self.chosen.name} has no derivatives; allowed for a fit are the other solvers")
-        sd = [RELATIVE_NOISE * d.values if d.sd is None else d.sd for d in self.data]
-        self.model = Model(scene, self.parameters, forward, self.data, sd)
+        errors = self._errors(forward, scene, np.array([p.init for p in self.parameters]), [d.values for d in self.data])
+        scatter = [
+            likelihood.scatter(d, RELATIVE_NOISE * d.values if d.sd is None else d.sd, error)
+            for d, likelihood, error in zip(self.data, self.likelihoods, errors, strict=True)
+        ]
+        self.model = Model(scene, self.parameters, forward, self.data, scatter, priors_join=not self.estimates_noise)
 
     def again(self, stack: Stack, x: np.ndarray) -> "Problem | None":
         """The same problem from where a fit ended, with a better solver where the chosen one is not good enough there; None where it is.
@@ -97,9 +121,36 @@ class Problem(eqx.Module):
             return None
         free = {}
         for p, value in zip(self.parameters, x, strict=True):
-            free[p.name] = {"min": p.low, "max": p.high, "init": float(np.clip(value, p.low, p.high)), "scale": p.scale}
-        ties = {tie.name: (tie.source, tie.factor) for tie in self.ties}
-        return Problem(self.stack, self.data, free=free, ties=ties, solver=self.solver, choice=better)
+            free[p.name] = {"min": p.low, "max": p.high, "init": float(np.clip(value, p.low, p.high)), "scale": p.scale, "prior": p.prior}
+        return Problem(
+            self.stack,
+            self.data,
+            free=free,
+            ties={tie.name: tie.as_given() for tie in self.ties},
+            likelihood=dict(zip((d.name for d in self.data), self.likelihoods, strict=True)),
+            model_error=self.model_error,
+            solver=self.solver,
+            choice=better,
+        )
+
+    def with_errors_at(self, x: np.ndarray, predictions: Sequence[np.ndarray]) -> "Problem":
+        """The same problem with the model's error as stated for free numbers x, as shares of the predictions there."""
+        errors = self._errors(self.model.forward, self.model.scene, x, predictions)
+        scatter = tuple(
+            NormalScatter(s.values, s.sd, s.covariance, error) if isinstance(s, NormalScatter) else s
+            for s, error in zip(self.model.scatter, errors, strict=True)
+        )
+        return eqx.tree_at(lambda p: p.model.scatter, self, scatter)
+
+    def _errors(self, forward: Forward, scene: Scene, x: np.ndarray, sizes: Sequence[np.ndarray]) -> list[np.ndarray | None]:
+        """Covariance of the model's error for each dataset. sizes : the values that stated errors are shares of."""
+        if self.model_error == "off":
+            return [None] * len(self.data)
+        columns = scene.columns(x)
+        shares = stated_errors(forward, columns)
+        if all(share is None for share in shares):
+            raise InputError(f'model_error = {self.model_error!r}: solver {self.chosen.name} states no error; allowed with it is "off"')
+        return error_covariances([d.geometry for d in self.data], columns, shares, sizes)
 
     @property
     def chosen(self) -> Solver:
@@ -115,6 +166,27 @@ class Problem(eqx.Module):
     def estimates_noise(self) -> bool:
         """Whether some data have no sd, so that one relative noise is estimated from the fit."""
         return any(d.sd is None for d in self.data)
+
+    @property
+    def least_squares(self) -> bool:
+        """Whether what is maximised is a sum of squares; if not, a maximum of the posterior density is looked for from its minimum."""
+        squares = all(s.square for s in self.model.scatter) and self.model.error_scale is None and not self.model.priors.hierarchical
+        return squares and not (self.estimates_noise and self.model.priors.informative)
+
+    def _adds_scale(self, free: Mapping[str, Any]) -> bool:
+        given = MODEL_ERROR in free
+        if given and self.model_error != "free":
+            raise InputError(f"free '{MODEL_ERROR}' with model_error = {self.model_error!r}; allowed with it is \"free\"")
+        return self.model_error == "free" and not given
+
+    def _check_likelihoods(self) -> None:
+        for dataset, likelihood in zip(self.data, self.likelihoods, strict=True):
+            if dataset.sd is None and (likelihood.needs_sd or self.model_error != "off"):
+                what = f"likelihood {likelihood.kind}" if likelihood.needs_sd else f"model_error = {self.model_error!r}"
+                raise InputError(f"measurement '{dataset.name}': {what} needs the noise of the data; give sd or noise")
+            if self.model_error != "off" and not likelihood.takes_model_error:
+                text = f"measurement '{dataset.name}': model_error = {self.model_error!r} with likelihood {likelihood.kind}"
+                raise InputError(f"{text}; allowed with it are gaussian, correlated")
 
     def _check_names(self) -> None:
         if not self.data:
