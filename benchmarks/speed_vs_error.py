@@ -28,9 +28,8 @@ from cases import FOLDER, TEN_KINDS, load
 
 TOLERANCES = (0.05, 0.01, 0.005)
 TEXT = (
-    "Rungs: 0 layered-diffusion, 1 to 3 discrete ordinates from coarse to fine. Judged by the rings whose standard error is below 2 %: a tolerance
-    is", "met where no ring is off by more than it and three standard errors. Where Auto finds no rung good enough it takes the best there is, and
-    says so.",
+    "Rungs: 0 layered-diffusion, 1 to 3 discrete ordinates from coarse to fine. Judged by the rings whose standard error is below 2 %: a tolerance is",
+    "met where no ring is off by more than it and three standard errors. Where Auto finds no rung good enough it takes the best there is, and says so.",
 )
 
 

@@ -3,7 +3,8 @@
 import math
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar, Literal
+from dataclasses import fields
+from typing import Any, ClassVar
 
 import equinox as eqx
 import numpy as np
@@ -46,7 +47,7 @@ class StudentT(Likelihood):
     """
 
     kind: ClassVar[str] = "student-t"
-    nu: float = 4.0
+    nu: float | int = 4.0
 
     def __check_init__(self):
         _positive(self.nu, "likelihood student-t: nu")
@@ -77,9 +78,9 @@ class CorrelatedNoise(Likelihood):
 
     kind: ClassVar[str] = "correlated"
     takes_model_error: ClassVar[bool] = True
-    relative: float
-    length: float
-    axis: Literal["place", "index"] = "place"
+    relative: float | int
+    length: float | int
+    axis: str = "place"
 
     def __check_init__(self):
         _positive(self.relative, "likelihood correlated: relative")
@@ -116,7 +117,7 @@ def parse_likelihood(spec: Any, where: str = "likelihood") -> Likelihood:
     if name not in LIKELIHOODS:
         raise InputError(f"{where} = {spec!r}; allowed: {', '.join(LIKELIHOODS)}, or a table of one of them")
     cls = LIKELIHOODS[name]
-    known = [field.name for field in cls.__dataclass_fields__.values()]
+    known = [field.name for field in fields(cls)]
     if not isinstance(given, Mapping) or set(given) - set(known):
         raise InputError(f"{where} {name}: {given!r} was given; allowed is a table with {', '.join(known) or 'nothing'}")
     try:

@@ -68,14 +68,14 @@ def maximise(problem: Problem, share: np.ndarray, max_steps: int) -> Maximum:
 def root_of_hessian(problem: Problem, share: np.ndarray) -> np.ndarray:
     """A matrix (p, p) whose square, transposed from the left, is the Hessian of the negative log density in physical units: a Jacobian in its place.
 
-    Directions along which the density does not fall are given no weight.
+    A direction along which the density hardly falls counts as open over the whole interval of its numbers.
     """
     share = np.clip(share, _EDGE, 1.0 - _EDGE)
     rough = _differences(problem, share, np.full(share.size, _LARGEST * _STEP))
     step = np.clip(_STEP / np.sqrt(np.maximum(np.diag(rough), 1e-300)), 1e-7, _LARGEST)
     values, axes = np.linalg.eigh(_differences(problem, share, step))
     slope = jax.jvp(problem.model.coordinates.between, (jnp.asarray(share),), (jnp.ones(share.size),))[1]
-    return np.sqrt(np.maximum(values, 0.0))[:, None] * axes.T / np.asarray(slope)
+    return np.sqrt(np.maximum(values, 1.0))[:, None] * axes.T / np.asarray(slope)
 
 
 def _differences(problem: Problem, share: np.ndarray, step: np.ndarray) -> np.ndarray:

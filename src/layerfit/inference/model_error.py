@@ -20,6 +20,7 @@ from ..solver import Forward
 
 LENGTH = 0.6  # of the correlation, in the logarithm of the distance (angles: in radians)
 _NEAREST, _FURTHEST = 0.05, 20.0  # transport mean free paths between which distance matters
+SD = 1.0  # standard deviation of the error, as a share of that stated
 _LARGEST = 3.0  # relative error above which a value says nothing any more
 
 
@@ -62,6 +63,6 @@ def error_covariances(
         if share is None:
             out.append(None)
             continue
-        error = share * np.abs(size)
+        error = SD * share * np.abs(size)
         out.append(np.outer(error, error) * correlation(abscissa(geometry, columns)))
     return out

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice, product
 from typing import Any, Literal
 
 import equinox as eqx
@@ -78,6 +79,13 @@ class FreeParameter:
         low, high = self.ends
         there = low + share * (high - low)
         return math.exp(there) if self.log else there
+
+
+def spread_points(parameters: Sequence[FreeParameter], count: int, seed: int = 0) -> np.ndarray:
+    """Corners of the box between the bounds (the first 64 of them) and points between them, physical units (points, p)."""
+    corners = np.array(list(islice(product((0.0, 1.0), repeat=len(parameters)), 64)))
+    shares = np.concatenate([corners, np.random.default_rng(seed).random((count, len(parameters)))])
+    return np.array([[p.at(float(s)) for p, s in zip(parameters, row, strict=True)] for row in shares])
 
 
 def free_parameters(stack: Stack, datasets: Sequence[Dataset], free: Mapping[str, Any], *, where: str = "free") -> tuple[FreeParameter, ...]:

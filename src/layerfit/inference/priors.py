@@ -130,8 +130,8 @@ class Normal(_Bell):
 
     kind: ClassVar[str] = "normal"
     arguments: ClassVar[tuple[str, ...]] = ("mean", "sd")
-    mean: float | str = eqx.field(static=True)
-    sd: float | str = eqx.field(static=True)
+    mean: float | int | str = eqx.field(static=True)
+    sd: float | int | str = eqx.field(static=True)
 
     def __check_init__(self):
         _check_number(self.mean, "prior normal: mean", -math.inf)
@@ -151,8 +151,8 @@ class LogNormal(_Bell):
     kind: ClassVar[str] = "log-normal"
     logarithmic: ClassVar[bool] = True
     arguments: ClassVar[tuple[str, ...]] = ("median", "factor")
-    median: float | str = eqx.field(static=True)
-    factor: float | str = eqx.field(static=True)
+    median: float | int | str = eqx.field(static=True)
+    factor: float | int | str = eqx.field(static=True)
 
     def __check_init__(self):
         _check_number(self.median, "prior log-normal: median", 0.0)

@@ -11,18 +11,20 @@ import numpy as np
 from ..errors import InputError, one_of
 from ..measurement.dataset import Dataset
 from ..measurement.geometry import Radial
+from ..scene.columns import Columns
 from ..scene.stack import Stack
 from ..solver import Choice, Domain, Forward, Solver
 from ..transport.auto import Auto
 from .likelihood import Likelihood, parse_likelihoods
 from .model import Model, Scene
 from .model_error import error_covariances, stated_errors
-from .parameters import MODEL_ERROR, FreeParameter, free_parameters
+from .parameters import MODEL_ERROR, FreeParameter, free_parameters, spread_points
 from .priors import LogNormal
 from .scatter import NormalScatter
 from .ties import Tie, parse_ties
 
 RELATIVE_NOISE = 1.0  # placeholder where the noise is estimated from the fit
+_LOOKED_AT = 200  # points between the bounds at which functions are evaluated
 ModelError = Literal["off", "on", "free"]
 _FREE_SCALE = {"min": 0.1, "max": 10.0, "init": 1.0, "prior": LogNormal(1.0, 2.0)}
 
@@ -96,12 +98,14 @@ class Problem(eqx.Module):
             raise InputError(f"{flat} free parameters and {count} measured values; allowed are at most as many parameters as values")
         self.solver = Auto() if solver is None else solver
         geometries = [d.geometry for d in self.data]
+        scene = Scene(self.stack, self.parameters, self.ties)
+        domain = self._domain(scene)
         start = self.stack.set({p.name: p.init for p in self.parameters if p.name in self.stack.names})
+        start = start.set({tie.name: float(tie.value(start)) for tie in self.ties})
         for geometry in geometries:
             self.solver.check(start, geometry)
         self.choice = self.solver.choose(start, geometries, _resolution(self.data)) if choice is None else choice
-        scene = Scene(self.stack, self.parameters, self.ties)
-        forward = self.chosen.forward(self._domain(scene), geometries, [self._shift(d) for d in self.data])
+        forward = self.chosen.forward(domain, geometries, [self._shift(d) for d in self.data])
         if not forward.differentiable:
             raise InputError(f"solver {self.chosen.name} has no derivatives; allowed for a fit are the other solvers")
         errors = self._errors(forward, scene, np.array([p.init for p in self.parameters]), [d.values for d in self.data])
@@ -214,14 +218,25 @@ class Problem(eqx.Module):
                     raise InputError(f"'{dataset.name}.offset': its bound {bound:g} mm is not allowed: {error}") from None
         return bounds
 
+    def _columns_at(self, scene: Scene, x: np.ndarray) -> Columns:
+        """The columns at free numbers x. Raises InputError where a function gives what no stack can have."""
+        try:
+            return scene.columns(x)
+        except Exception as error:  # the function is the user's
+            names = "', '".join(tie.name for tie in self.ties if tie.function is not None)
+            where = ", ".join(f"{name} = {value:.3g}" for name, value in zip(self.names, x, strict=True))
+            said = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+            raise InputError(f"ties '{names}': the function fails at {where}: {said}") from None
+
     def _domain(self, scene: Scene) -> Domain:
         """Smallest and largest value of each column within the bounds."""
         low = np.array([p.low for p in self.parameters])
         high = np.array([p.high for p in self.parameters])
         # sigma_s' = sigma_s (1 - g) falls with g, everything else rises with its number
         falling = np.array([p.name.endswith(".g") for p in self.parameters])
-        corners = [scene.columns(x) for x in (low, high, np.where(falling, high, low), np.where(falling, low, high))]
-
+        corners = [self._columns_at(scene, x) for x in (low, high, np.where(falling, high, low), np.where(falling, low, high))]
+        if any(tie.function is not None for tie in self.ties):  # whose extremes may be anywhere
+            corners += [self._columns_at(scene, x) for x in spread_points(self.parameters, _LOOKED_AT)]
         smallest = jax.tree.map(lambda *c: jnp.asarray(np.min(c, axis=0)), *corners)
         largest = jax.tree.map(lambda *c: jnp.asarray(np.max(c, axis=0)), *corners)
         return Domain(self.stack, smallest, largest)
