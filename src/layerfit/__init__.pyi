@@ -16,6 +16,7 @@ from .inference.priors import LogUniform as LogUniform
 from .inference.priors import Normal as Normal
 from .inference.priors import Uniform as Uniform
 from .inference.problem import Problem as Problem
+from .inference.reference import Reference as Reference
 from .measurement.csv_file import read as read
 from .measurement.dataset import Dataset as Dataset
 from .measurement.dataset import Noise as Noise

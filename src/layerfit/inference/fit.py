@@ -98,6 +98,11 @@ class Fit(eqx.Module):
         return self.uncertainty.covariance
 
     @property
+    def references(self) -> tuple[Stack, ...]:
+        """The fitted stacks of reference samples."""
+        return tuple(sample.scene.stack(self.x) for sample in self.problem.model.samples[1:])
+
+    @property
     def correlation(self) -> np.ndarray:
         """Correlation matrix (p, p)."""
         return correlation(self.covariance)
@@ -353,7 +358,7 @@ def _assemble(problem: Problem, runs: Sequence[_Run], seconds: float) -> Fit:
         starts = [Start(s.first, s.last, (s.chi2 - best.start.chi2 + chi2) * size**2, s.steps, s.outcome) for s in starts]
     values = {p.name: float(v) for p, v in zip(problem.parameters, x, strict=True)}
     stack = problem.stack.set({name: v for name, v in values.items() if name in problem.stack.names})
-    stack = stack.set({tie.name: float(tie.value(stack)) for tie in problem.ties})
+    stack = stack.set({tie.name: float(tie.value(stack)) for tie in problem.model.scene.ties})
     return Fit(
         problem=problem,
         stack=stack,

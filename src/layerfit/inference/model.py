@@ -1,6 +1,6 @@
 """The forward model of a problem as a function of its free numbers: what is compiled."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -32,13 +32,14 @@ class Scene(eqx.Module):
     ties: tuple[Tie, ...] = eqx.field(static=True)
     rough_faces: tuple[bool, ...] = eqx.field(static=True)
 
-    def __init__(self, stack: Stack, parameters: Sequence[FreeParameter], ties: Sequence[Tie]):
-        self.names = tuple(p.name for p in parameters)
-        self.ties = tuple(ties)
+    def __init__(self, stack: Stack, parameters: Sequence[FreeParameter], ties: Sequence[Tie], *, surroundings: bool = True):
+        """surroundings : whether ``scene.`` numbers are those of this stack."""
+        self.names = tuple(p.name if surroundings or not p.name.startswith("scene.") else "" for p in parameters)
+        self.ties = tuple(tie for tie in ties if tie.name in stack.names and (surroundings or not tie.name.startswith("scene.")))
         self.fixed_names = stack.written_names
         self.fixed = np.array([float(stack.get(name)) for name in self.fixed_names])
         self.template = stack.set(dict.fromkeys(self.fixed_names, 0.5))  # its numbers are never used
-        moving = {*self.names, *(tie.name for tie in ties)}
+        moving = {*self.names, *(tie.name for tie in self.ties)}
         faces = [(f"{layer.name}.roughness", layer.roughness) for layer in stack.layers]
         if not stack.half_space:
             faces.append(("scene.roughness_below", stack.roughness_below))
@@ -55,12 +56,22 @@ class Scene(eqx.Module):
         return to_columns(self.stack(x), rough_faces=self.rough_faces)
 
 
-class Model(eqx.Module):
-    """Predictions and residuals at unbounded coordinates u."""
+class Sample(eqx.Module):
+    """One stack and what predicts its measurements, of which there are count."""
 
     scene: Scene
-    coordinates: Coordinates
     forward: Forward
+    count: int = eqx.field(static=True)
+
+
+class Model(eqx.Module):
+    """Predictions and residuals at unbounded coordinates u.
+
+    samples : the one asked for, then references; their measurements follow one another.
+    """
+
+    samples: tuple[Sample, ...]
+    coordinates: Coordinates
     scatter: tuple[Scatter, ...]
     priors: Priors
     nuisance: tuple[tuple[int | None, int | None, int | None], ...] = eqx.field(static=True)  # index of amplitude, offset, background
@@ -69,22 +80,34 @@ class Model(eqx.Module):
 
     def __init__(
         self,
-        scene: Scene,
+        samples: Sequence[Sample],
         parameters: Sequence[FreeParameter],
-        forward: Forward,
         datasets: Sequence[Dataset],
         scatter: Sequence[Scatter],
         *,
+        same: Mapping[str, str],
         priors_join: bool = True,
     ):
-        self.scene, self.coordinates, self.forward = scene, Coordinates(parameters), forward
+        """same : calibration numbers that are those of other measurements."""
+        self.samples, self.coordinates = tuple(samples), Coordinates(parameters)
         self.scatter = tuple(scatter)
         low, high = np.array([(p.low, p.high) for p in parameters]).T
-        self.priors = Priors([p.prior for p in parameters], scene.names, low, high)
+        index = {p.name: i for i, p in enumerate(parameters)}
+        self.priors = Priors([p.prior for p in parameters], tuple(index), low, high)
         self.priors_join = priors_join
-        index = {name: i for i, name in enumerate(scene.names)}
+        index |= {name: index[source] for name, source in same.items()}
         self.error_scale = index.get(MODEL_ERROR)
         self.nuisance = tuple(tuple(index.get(f"{d.name}.{n}") for n in NUISANCE) for d in datasets)  # pyright: ignore[reportAttributeAccessIssue]
+
+    @property
+    def scene(self) -> Scene:
+        """Of the sample asked for."""
+        return self.samples[0].scene
+
+    @property
+    def forward(self) -> Forward:
+        """Of the sample asked for."""
+        return self.samples[0].forward
 
     @property
     def values(self) -> tuple[Float[AnyArray, "n"], ...]:
@@ -104,7 +127,10 @@ class Model(eqx.Module):
     def predict(self, x: Float[Array, "p"]) -> tuple[Float[Array, "n"], ...]:
         """Predicted values of all datasets at physical numbers x, calibration included."""
         shifts = [None if offset is None else x[offset] for _, offset, _ in self.nuisance]
-        predicted = self.forward(self.scene.columns(x), shifts)
+        predicted: list[Array] = []
+        for sample in self.samples:
+            first = len(predicted)
+            predicted += sample.forward(sample.scene.columns(x), shifts[first : first + sample.count])
         return tuple(
             (1.0 if amplitude is None else x[amplitude]) * values + (0.0 if background is None else x[background])
             for values, (amplitude, _, background) in zip(predicted, self.nuisance, strict=True)

@@ -88,17 +88,22 @@ def spread_points(parameters: Sequence[FreeParameter], count: int, seed: int = 0
     return np.array([[p.at(float(s)) for p, s in zip(parameters, row, strict=True)] for row in shares])
 
 
-def free_parameters(stack: Stack, datasets: Sequence[Dataset], free: Mapping[str, Any], *, where: str = "free") -> tuple[FreeParameter, ...]:
+def free_parameters(
+    stack: Stack, datasets: Sequence[Dataset], free: Mapping[str, Any], *, others: Sequence[Stack] = (), where: str = "free"
+) -> tuple[FreeParameter, ...]:
     """Free parameters from ``{name: (min, max)}`` or ``{name: {"min":, "max":, "init":, "scale":}}``.
 
     A table may have a ``"prior"`` as well (see `parse_prior`). Names that begin with ``hyper.`` are numbers that priors depend on.
     ``scene.model_error`` is the scale of the solver's error. Without a scale, coefficients and thicknesses whose bounds lie above 0 and span a decade
     or more are varied on a log scale, all others on a linear one. Raises InputError for a name that does not exist, bounds that are no interval, lie
     outside what the number can be, or do not hold the start.
+
+    others : stacks of reference samples, the numbers of whose layers may be free too.
     """
+    stacks = (stack, *others)
     if not free:
-        raise InputError(f"{where}: no free parameter was given; allowed is one or more of {', '.join(_names(stack, datasets))}")
-    parameters = tuple(_one(stack, datasets, name, spec, f"{where} '{name}'") for name, spec in free.items())
+        raise InputError(f"{where}: no free parameter was given; allowed is one or more of {', '.join(_names(stacks, datasets))}")
+    parameters = tuple(_one(stacks, datasets, name, spec, f"{where} '{name}'") for name, spec in free.items())
     names = {p.name for p in parameters}
     used = {name: p.name for p in parameters for name in p.prior.references}
     for p in parameters:
@@ -116,19 +121,23 @@ def free_parameters(stack: Stack, datasets: Sequence[Dataset], free: Mapping[str
     return parameters
 
 
-def _names(stack: Stack, datasets: Sequence[Dataset]) -> list[str]:
-    nuisance = [f"{d.name}.{n}" for d in datasets for n in NUISANCE if n != "offset" or isinstance(d.geometry, Radial)]
-    return [*stack.names, *nuisance]
+def _names(stacks: Sequence[Stack], datasets: Sequence[Dataset]) -> list[str]:
+    return [*stacks[0].names, *(name for s in stacks[1:] for name in s.names if not name.startswith("scene.")), *calibration_names(datasets)]
 
 
-def _one(stack: Stack, datasets: Sequence[Dataset], name: str, spec: Any, where: str) -> FreeParameter:
-    known = _names(stack, datasets)
+def calibration_names(datasets: Sequence[Dataset]) -> list[str]:
+    """Names of the numbers of measurements."""
+    return [f"{d.name}.{n}" for d in datasets for n in NUISANCE if n != "offset" or isinstance(d.geometry, Radial)]
+
+
+def _one(stacks: Sequence[Stack], datasets: Sequence[Dataset], name: str, spec: Any, where: str) -> FreeParameter:
+    known = _names(stacks, datasets)
     beside = name not in known and (name == MODEL_ERROR or (name.startswith(HYPER) and len(name) > len(HYPER)))
     if name not in known and not beside:
         raise InputError(f"{where} does not exist; allowed: {', '.join(known)}")
     owner, field = name.rsplit(".", 1)
     dataset = next((d for d in datasets if d.name == owner), None) if field in NUISANCE else None
-    start: Any = NUISANCE[field] if dataset is not None else None if beside else float(stack.get(name))
+    start: Any = NUISANCE[field] if dataset is not None else None if beside else float(next(s for s in stacks if name in s.names).get(name))
     scale, prior = None, UNIFORM
     if isinstance(spec, Mapping):
         unknown = [key for key in spec if key not in _KEYS]

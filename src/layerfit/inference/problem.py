@@ -13,13 +13,14 @@ from ..measurement.dataset import Dataset
 from ..measurement.geometry import Radial
 from ..scene.columns import Columns
 from ..scene.stack import Stack
-from ..solver import Choice, Domain, Forward, Solver
+from ..solver import Choice, Domain, Solver
 from ..transport.auto import Auto
 from .likelihood import Likelihood, parse_likelihoods
-from .model import Model, Scene
+from .model import Model, Sample, Scene
 from .model_error import error_covariances, stated_errors
-from .parameters import MODEL_ERROR, FreeParameter, free_parameters, spread_points
+from .parameters import MODEL_ERROR, FreeParameter, calibration_names, free_parameters, spread_points
 from .priors import LogNormal
+from .reference import Reference
 from .scatter import NormalScatter
 from .ties import Tie, parse_ties
 
@@ -41,7 +42,7 @@ class Problem(eqx.Module):
     Arguments
     ---------
     stack : the guess; numbers that are not free keep its values.
-    data : a Dataset or several, fitted together.
+    data : a Dataset or several, fitted together. reference : other samples measured with the same instrument, see `Reference`.
     free : ``{"layer.number": (min, max)}``, or with a table ``{"min":, "max":, "init":, "scale": "log" | "linear"}``. Any number of the stack
         (``stack.names``), and of each dataset ``name.amplitude`` (factor on the prediction), ``name.offset`` (added to r) and ``name.background``
         (added to the prediction).
@@ -63,7 +64,8 @@ class Problem(eqx.Module):
     """
 
     stack: Stack
-    data: tuple[Dataset, ...]
+    data: tuple[Dataset, ...]  # those of references last
+    references: tuple[Reference, ...]
     parameters: tuple[FreeParameter, ...]
     ties: tuple[Tie, ...]
     likelihoods: tuple[Likelihood, ...]
@@ -77,6 +79,7 @@ class Problem(eqx.Module):
         stack: Stack,
         data: Dataset | Sequence[Dataset],
         *,
+        reference: Reference | Sequence[Reference] = (),
         free: Mapping[str, Any],
         ties: Mapping[str, Any] | None = None,
         likelihood: Any = None,
@@ -85,42 +88,69 @@ class Problem(eqx.Module):
         choice: Choice | None = None,
     ):
         self.stack = stack if isinstance(stack, Stack) else Stack((stack,))
-        self.data = (data,) if isinstance(data, Dataset) else tuple(data)
+        self.references = (reference,) if isinstance(reference, Reference) else tuple(reference)
+        own = (data,) if isinstance(data, Dataset) else tuple(data)
+        if not own:
+            raise InputError("a problem without data was given; allowed is one dataset or more")
+        self.data = (*own, *(d for r in self.references for d in r.data))
         self._check_names()
         one_of(model_error, ("off", "on", "free"), "model_error")
         self.model_error = model_error
-        self.parameters = free_parameters(self.stack, self.data, {**free, MODEL_ERROR: _FREE_SCALE} if self._adds_scale(free) else free)
+        more = {**free, MODEL_ERROR: _FREE_SCALE} if self._adds_scale(free) else free
+        self.parameters = free_parameters(self.stack, self.data, more, others=self._stacks[1:])
         self.likelihoods = parse_likelihoods(likelihood, self.data)
         self._check_likelihoods()
-        self.ties = parse_ties(self.stack, self.parameters, ties or {})
+        self.ties = parse_ties(self._stacks, self.parameters, ties or {}, calibration=calibration_names(self.data))
         count, flat = sum(d.geometry.size for d in self.data), sum(not p.prior.square for p in self.parameters)
         if flat > count:
             raise InputError(f"{flat} free parameters and {count} measured values; allowed are at most as many parameters as values")
         self.solver = Auto() if solver is None else solver
-        geometries = [d.geometry for d in self.data]
-        scene = Scene(self.stack, self.parameters, self.ties)
-        domain = self._domain(scene)
-        start = self.stack.set({p.name: p.init for p in self.parameters if p.name in self.stack.names})
-        start = start.set({tie.name: float(tie.value(start)) for tie in self.ties})
-        for geometry in geometries:
-            self.solver.check(start, geometry)
-        self.choice = self.solver.choose(start, geometries, _resolution(self.data)) if choice is None else choice
-        forward = self.chosen.forward(domain, geometries, [self._shift(d) for d in self.data])
-        if not forward.differentiable:
-            raise InputError(f"solver {self.chosen.name} has no derivatives; allowed for a fit are the other solvers")
-        errors = self._errors(forward, scene, np.array([p.init for p in self.parameters]), [d.values for d in self.data])
+        samples = []
+        for number, (stack, data) in enumerate(zip(self._stacks, self._measurements, strict=True)):
+            sample, made = self._sample(stack, data, choice if number == 0 else None, surroundings=number == 0)
+            samples.append(sample)
+            if number == 0:
+                self.choice = made
+        errors = self._errors(samples, np.array([p.init for p in self.parameters]), [d.values for d in self.data])
         scatter = [
             likelihood.scatter(d, RELATIVE_NOISE * d.values if d.sd is None else d.sd, error)
             for d, likelihood, error in zip(self.data, self.likelihoods, errors, strict=True)
         ]
-        self.model = Model(scene, self.parameters, forward, self.data, scatter, priors_join=not self.estimates_noise)
+        same = {tie.name: tie.source for tie in self.ties if tie.name in calibration_names(self.data)}
+        self.model = Model(samples, self.parameters, self.data, scatter, same=same, priors_join=not self.estimates_noise)
+
+    @property
+    def _stacks(self) -> tuple[Stack, ...]:
+        return (self.stack, *(r.stack for r in self.references))
+
+    @property
+    def _measurements(self) -> tuple[tuple[Dataset, ...], ...]:
+        """Data of each sample."""
+        own = len(self.data) - sum(len(r.data) for r in self.references)
+        return (self.data[:own], *(r.data for r in self.references))
+
+    def _sample(self, stack: Stack, data: Sequence[Dataset], choice: Choice | None, *, surroundings: bool) -> tuple[Sample, Choice]:
+        """The forward model of one stack, and the solver that runs it."""
+        scene = Scene(stack, self.parameters, self.ties, surroundings=surroundings)
+        domain = self._domain(scene, stack)
+        start = stack.set({p.name: p.init for p in self.parameters if p.name in stack.names and p.name in scene.names})
+        start = start.set({tie.name: float(tie.value(start)) for tie in scene.ties})
+        geometries = [d.geometry for d in data]
+        for geometry in geometries:
+            self.solver.check(start, geometry)
+        choice = self.solver.choose(start, geometries, _resolution(data)) if choice is None else choice
+        forward = choice.solver.forward(domain, geometries, [self._shift(d) for d in data])
+        if not forward.differentiable:
+            raise InputError(f"solver {choice.solver.name} has no derivatives; allowed for a fit are the other solvers")
+        return Sample(scene, forward, len(data)), choice
 
     def again(self, stack: Stack, x: np.ndarray) -> "Problem | None":
         """The same problem from where a fit ended, with a better solver where the chosen one is not good enough there; None where it is.
 
         stack : the fitted one. x : the fitted numbers in physical units, in the order of ``parameters``.
         """
-        better = self.solver.choose_again(self.choice, stack, [d.geometry for d in self.data], _resolution(self.data))
+        data = self._measurements[0]
+        better = self.solver.choose_again(self.choice, stack, [d.geometry for d in data], _resolution(data))
         if better is None:
             return None
         free = {}
@@ -128,7 +158,8 @@ class Problem(eqx.Module):
             free[p.name] = {"min": p.low, "max": p.high, "init": float(np.clip(value, p.low, p.high)), "scale": p.scale, "prior": p.prior}
         return Problem(
             self.stack,
-            self.data,
+            self._measurements[0],
+            reference=self.references,
             free=free,
             ties={tie.name: tie.as_given() for tie in self.ties},
             likelihood=dict(zip((d.name for d in self.data), self.likelihoods, strict=True)),
@@ -139,22 +170,25 @@ class Problem(eqx.Module):
 
     def with_errors_at(self, x: np.ndarray, predictions: Sequence[np.ndarray]) -> "Problem":
         """The same problem with the model's error as stated for free numbers x, as shares of the predictions there."""
-        errors = self._errors(self.model.forward, self.model.scene, x, predictions)
+        errors = self._errors(self.model.samples, x, predictions)
         scatter = tuple(
             NormalScatter(s.values, s.sd, s.covariance, error) if isinstance(s, NormalScatter) else s
             for s, error in zip(self.model.scatter, errors, strict=True)
         )
         return eqx.tree_at(lambda p: p.model.scatter, self, scatter)
 
-    def _errors(self, forward: Forward, scene: Scene, x: np.ndarray, sizes: Sequence[np.ndarray]) -> list[np.ndarray | None]:
+    def _errors(self, samples: Sequence[Sample], x: np.ndarray, sizes: Sequence[np.ndarray]) -> list[np.ndarray | None]:
         """Covariance of the model's error for each dataset. sizes : the values that stated errors are shares of."""
+        found: list[np.ndarray | None] = []
         if self.model_error == "off":
             return [None] * len(self.data)
-        columns = scene.columns(x)
-        shares = stated_errors(forward, columns)
-        if all(share is None for share in shares):
+        for sample, data in zip(samples, self._measurements, strict=True):
+            columns = sample.scene.columns(x)
+            shares = stated_errors(sample.forward, columns)
+            found += error_covariances([d.geometry for d in data], columns, shares, sizes[len(found) : len(found) + len(data)])
+        if all(error is None for error in found):
             raise InputError(f'model_error = {self.model_error!r}: solver {self.chosen.name} states no error; allowed with it is "off"')
-        return error_covariances([d.geometry for d in self.data], columns, shares, sizes)
+        return found
 
     @property
     def chosen(self) -> Solver:
@@ -193,10 +227,11 @@ class Problem(eqx.Module):
                 raise InputError(f"{text}; allowed with it are gaussian, correlated")
 
     def _check_names(self) -> None:
-        if not self.data:
-            raise InputError("a problem without data was given; allowed is one dataset or more")
         names = [d.name for d in self.data]
-        layers = [layer.name for layer in self.stack.layers]
+        layers = [layer.name for stack in self._stacks for layer in stack.layers]
+        twice = next((name for name in layers if layers.count(name) > 1), None)
+        if twice is not None:
+            raise InputError(f"layer '{twice}' is in the sample and in a reference; give each layer its own name")
         for name in names:
             if names.count(name) > 1 or name in layers:
                 raise InputError(
@@ -228,7 +263,7 @@ class Problem(eqx.Module):
             said = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
             raise InputError(f"ties '{names}': the function fails at {where}: {said}") from None
 
-    def _domain(self, scene: Scene) -> Domain:
+    def _domain(self, scene: Scene, stack: Stack) -> Domain:
         """Smallest and largest value of each column within the bounds."""
         low = np.array([p.low for p in self.parameters])
         high = np.array([p.high for p in self.parameters])
@@ -239,4 +274,4 @@ class Problem(eqx.Module):
             corners += [self._columns_at(scene, x) for x in spread_points(self.parameters, _LOOKED_AT)]
         smallest = jax.tree.map(lambda *c: jnp.asarray(np.min(c, axis=0)), *corners)
         largest = jax.tree.map(lambda *c: jnp.asarray(np.max(c, axis=0)), *corners)
-        return Domain(self.stack, smallest, largest)
+        return Domain(stack, smallest, largest)

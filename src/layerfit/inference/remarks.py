@@ -66,7 +66,7 @@ def on_quality(problem: Problem, chi2: float, dof: int, noise: float | None) -> 
 def on_solver(problem: Problem, stack: Stack) -> list[str]:
     """Of the solver at the fitted stack."""
     said = []
-    for dataset in problem.data:
+    for dataset in problem.data[: problem.model.samples[0].count]:
         try:
             problem.chosen.check(stack, dataset.geometry)
         except InputError as error:

@@ -35,27 +35,39 @@ class Tie(eqx.Module):
         return f"function {getattr(self.function, '__name__', 'of the stack')}"
 
 
-def parse_ties(stack: Stack, free: Sequence[FreeParameter], ties: Mapping[str, Any], *, where: str = "ties") -> tuple[Tie, ...]:
-    """Ties from ``{name: source}`` or ``{name: (source, factor)}``, both numbers of the stack, or ``{name: function}``.
+def parse_ties(
+    stacks: Sequence[Stack], free: Sequence[FreeParameter], ties: Mapping[str, Any], *, calibration: Sequence[str] = (), where: str = "ties"
+) -> tuple[Tie, ...]:
+    """Ties from ``{name: source}`` or ``{name: (source, factor)}``, both numbers of one stack, or ``{name: function}``.
 
     A function takes the stack with all free numbers set and returns the value: ``lambda s: 0.5 * s.get("deep.sigma_a") + 0.01``. It must be pure,
     differentiable by JAX and must not read tied numbers; what it gives within the bounds is looked at when the problem is built.
 
+    stacks : the sample's, then those of references. calibration : names of the numbers of measurements, which may follow each other, factor 1.
+
     Raises InputError for a name that does not exist, is free, or follows itself or another tied number.
     """
+    groups = [stacks[0].names, *([name for name in s.names if not name.startswith("scene.")] for s in stacks[1:]), calibration]
+    known = [name for group in groups for name in group]
     parsed = []
     for name, spec in ties.items():
         function = spec if callable(spec) else None
         source, factor = ("", 1.0) if function is not None else _tie(spec, f"{where} '{name}'")
         for given in (name, source) if function is None else (name,):
-            if given not in stack.names:
-                raise InputError(f"{where} '{name}': '{given}' is no number of the scene; allowed: {', '.join(stack.names)}")
+            if given not in known:
+                raise InputError(f"{where} '{name}': '{given}' is no number of the scene; allowed: {', '.join(known)}")
         if isinstance(factor, bool) or not isinstance(factor, int | float) or not math.isfinite(factor) or factor <= 0:
             raise InputError(f"{where} '{name}': factor = {factor!r}; allowed is a finite number above 0")
         if any(p.name == name for p in free):
             raise InputError(f"{where} '{name}': it is free as well; allowed is one of both")
         if source == name or source in ties:
             raise InputError(f"{where} '{name}': follows '{source}', which is tied itself; tie both to the same number")
+        if function is None and not any(name in group and source in group for group in groups):
+            raise InputError(f"{where} '{name}': '{source}' belongs to another sample, or one of both to a measurement; allowed are numbers of one")
+        if name in calibration and (function is not None or factor != 1.0 or not any(p.name == source for p in free)):
+            raise InputError(f"{where} '{name}': a number of a measurement can only be the same as another's that is free (factor 1, no function)")
+        if name in calibration and name.rsplit(".", 1)[1] != source.rsplit(".", 1)[1]:
+            raise InputError(f"{where} '{name}': '{source}' is another kind of number")
         parsed.append(Tie(name, source, float(factor), function))
     return tuple(parsed)
 
