@@ -128,7 +128,7 @@ def studied(scene, draws, modes):
             for name, geometry, values, se in scene.profiles:
                 noisy = values * (1.0 + NOISE * random.standard_normal(values.size))
                 data.append(lf.Dataset(geometry, noisy, np.hypot(se, NOISE * values), name=name))
-            result = lf.fit(lf.Problem(scene.stack, data, free=free, solver=lf.LayeredDiffusion(), model_error=mode), starts=3)
+            result = lf.fit(lf.Problem(scene.stack, data, free=free, solver=lf.LayeredDiffusion(), model_error=mode), starts=2)
             for name, value in truth.items():
                 estimate = result.parameters[name]
                 if estimate.stderr is None:

@@ -25,7 +25,7 @@ def problem(*, phantom=PHANTOM, check=None, free=FREE, ties=None, **more):
 
 
 def test_amplitude_from_a_phantom():
-    """The truth comes back from another start; the amplitude is as certain as the phantom makes it: its own noise, and its numbers' where they are uncertain."""
+    """The truth comes back from another start; the amplitude is as certain as the phantom's values and numbers are."""
     away = {**FREE, "skin.sigma_a": {"min": 1e-3, "max": 1.0, "init": 0.05}}
     result = lf.fit(problem(free=away), starts=1)
     truth = {"skin.sigma_a": 0.02, "skin.sigma_s_prime": 1.5, "probe.amplitude": TRUE}
@@ -34,7 +34,8 @@ def test_amplitude_from_a_phantom():
     sharp = result.parameters["probe.amplitude"].stderr / TRUE
     assert sharp <= 0.01 / np.sqrt(15)  # all 15 values of the phantom and what the sample adds
     prior = {"min": 0.7, "max": 1.3, "init": 1.1, "prior": lf.Normal(1.0, 0.05)}
-    unsure = lf.fit(problem(free={**FREE, "phantom.sigma_s_prime": prior}), starts=1)
+    absorption = {"min": 1e-3, "max": 2e-2, "prior": lf.LogNormal(0.005, 1.2)}
+    unsure = lf.fit(problem(free={**FREE, "phantom.sigma_s_prime": prior, "phantom.sigma_a": absorption}), starts=1)
     assert unsure.parameters["probe.amplitude"].stderr / TRUE > 1.2 * sharp
     assert abs(unsure.references[0].get("phantom.sigma_s_prime") - 1.0) <= 0.01
     alone = lf.fit(lf.Problem(SKIN, measured(SKIN, "probe"), free=FREE, solver=SOLVER), starts=1)

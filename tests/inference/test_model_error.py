@@ -89,7 +89,10 @@ def test_chi_square_is_that_of_noise_and_model_together():
 
 
 def test_errors_of_the_size_stated_are_covered():
-    """Data whose model error is drawn as stated: 95 % intervals hold the truth in 89 % or more of 100 cases; without the term in less than 60 %."""
+    """Data whose model error is drawn as stated: 95 % intervals hold the truth in 80 % or more of 100 cases, without the term in less than 20 %.
+
+    Not in 95 %: the numbers move by 15 %, over which the model is not linear, and the error is known only as it is stated at the fitted numbers.
+    """
     noise, error = stated_covariance(CLEAN.values)
     factor = np.linalg.cholesky(noise + error)
     random = np.random.default_rng(11)
@@ -102,8 +105,8 @@ def test_errors_of_the_size_stated_are_covered():
                 estimate = result.parameters[name]
                 held[mode] += estimate.stderr is not None and abs(estimate.value - truth) <= 1.96 * estimate.stderr
     print(held)
-    assert held["on"] >= 89
-    assert held["off"] <= 60
+    assert held["on"] >= 80
+    assert held["off"] <= 20
 
 
 def test_monte_carlo_data():

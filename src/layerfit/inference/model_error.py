@@ -2,11 +2,11 @@
 
 A solver says how far off each value may be, on the safe side; it is off in the same way at neighbouring distances. So the covariance of the data
 grows by s^2 e_i e_j rho(x_i, x_j) with e = 0.7 times the stated error (the ratio of true to stated errors of diffusion over the Monte Carlo cases has
-a root mean square of 0.68, and 5 % of the ratios are above 0.9), s its scale (1: as stated) and rho Matern's correlation of order 3/2 (Rasmussen and Williams,
-Gaussian Processes for Machine Learning, eq 4.17) in the logarithm of the distance: the errors of diffusion are functions of the distance in
-transport mean free paths that change their sign within a factor of about 3, and are smooth. Against Monte Carlo (docs/model-error.md) neighbours
-agree more than an exponential would let them, and the tails fall more slowly than those of a squared exponential, which would also claim to
-know that the error has no fine structure at all.
+a root mean square of 0.68, and 5 % of the ratios are above 0.9), s its scale (1: as stated) and rho Matern's correlation of order 3/2 (Rasmussen and
+Williams, Gaussian Processes for Machine Learning, eq 4.17) in the logarithm of the distance: the errors of diffusion are smooth functions of the
+distance in transport mean free paths that change their sign within a factor of about 3. Against Monte Carlo neighbours agree more than an exponential
+would let them, and the tails fall more slowly than those of a squared exponential, which would also claim to know that the error has no fine
+structure at all. How often intervals hold the truth: docs/model-error.md.
 
 Errors of different measurements, and of one solver on both sides of a sample, are taken as independent.
 """
