@@ -123,6 +123,7 @@ HOMES = {
     "click": ours("cli"),
     "optimistix": ours("inference"),
     "lineax": ours("inference"),
+    "jaxopt": ours("inference.maximum"),
 }
 
 

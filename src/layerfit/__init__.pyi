@@ -6,8 +6,17 @@ from .inference.fit import Estimate as Estimate
 from .inference.fit import Fit as Fit
 from .inference.fit import Outcome as Outcome
 from .inference.fit import fit as fit
+from .inference.likelihood import CorrelatedNoise as CorrelatedNoise
+from .inference.likelihood import GaussianNoise as GaussianNoise
+from .inference.likelihood import Poisson as Poisson
+from .inference.likelihood import StudentT as StudentT
 from .inference.parameters import FreeParameter as FreeParameter
+from .inference.priors import LogNormal as LogNormal
+from .inference.priors import LogUniform as LogUniform
+from .inference.priors import Normal as Normal
+from .inference.priors import Uniform as Uniform
 from .inference.problem import Problem as Problem
+from .inference.reference import Reference as Reference
 from .measurement.csv_file import read as read
 from .measurement.dataset import Dataset as Dataset
 from .measurement.dataset import Noise as Noise

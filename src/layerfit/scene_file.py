@@ -4,7 +4,7 @@ import difflib
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -74,12 +74,16 @@ class _Measurement(_Table):
     source: _Source | None = None
     detector: _Detector | None = None
     noise: _Noise | None = None
+    exposure: float | None = Field(None, gt=0)
+    likelihood: str | dict[str, Any] | None = None
 
 
 class _Fit(_Table):
     solver: str = "auto"
     free: dict[str, Any] = Field(default_factory=dict)
     ties: dict[str, Any] = Field(default_factory=dict)
+    likelihood: str | dict[str, Any] | None = None
+    model_error: Literal["off", "on", "free"] = "off"
     starts: int = Field(8, ge=1)
     seed: int = Field(0, ge=0)
 
@@ -99,6 +103,7 @@ class Measurement:
     geometry: Geometry
     dataset: Dataset | None
     file: Path | None
+    likelihood: Any = None
 
 
 @dataclass(frozen=True)
@@ -113,6 +118,8 @@ class SceneFile:
     ties: Mapping[str, Any]
     starts: int
     seed: int
+    likelihood: Any = None
+    model_error: Literal["off", "on", "free"] = "off"
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -143,9 +150,22 @@ class SceneFile:
 
         data, chosen = self.datasets(), self.solver(solver)
         try:
-            return Problem(self.stack, data, free=_dotted(self.free), ties=_dotted(self.ties), solver=chosen)
+            return Problem(
+                self.stack,
+                data,
+                free=_dotted(self.free),
+                ties=_dotted(self.ties),
+                likelihood=self._likelihoods(),
+                model_error=self.model_error,
+                solver=chosen,
+            )
         except InputError as error:
             raise InputError(f"{self.path}: {error}") from None
+
+    def _likelihoods(self) -> dict[str, Any]:
+        """Of each measurement for which one is stated, by itself or for all in [fit]."""
+        given = {m.name: m.likelihood if m.likelihood is not None else self.likelihood for m in self.measurements}
+        return {name: likelihood for name, likelihood in given.items() if likelihood is not None}
 
 
 def read_scene(path: str | Path) -> SceneFile:
@@ -175,7 +195,7 @@ def read_scene(path: str | Path) -> SceneFile:
         if names.count(name) > 1:
             raise InputError(f"{path}: measurement name '{name}' is used {names.count(name)} times; each needs its own")
     fit = scene.fit
-    return SceneFile(path, stack, measurements, fit.solver, fit.free, fit.ties, fit.starts, fit.seed)
+    return SceneFile(path, stack, measurements, fit.solver, fit.free, fit.ties, fit.starts, fit.seed, fit.likelihood, fit.model_error)
 
 
 def _stack(scene: _Scene) -> Stack:
@@ -199,7 +219,7 @@ def _measurement(path: Path, number: int, table: _Measurement) -> Measurement:
     where = f"{path}: [[measurement]] {number} ('{name}')"
     try:
         check_measurement_name(name)
-        return _measurement_at(path, name, table)
+        return replace(_measurement_at(path, name, table), likelihood=table.likelihood)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
 
@@ -222,19 +242,20 @@ def _measurement_at(path: Path, name: str, table: _Measurement) -> Measurement:
     if table.file is not None:
         data: Table = read_table(path.parent / table.file)
         geometry = geometry_from_table(data, table.kind, source=source, detector=detector, **options)
-        dataset = dataset_from_table(data, geometry, noise=noise, name=name) if "value" in data.columns else None
+        dataset = dataset_from_table(data, geometry, noise=noise, exposure=table.exposure, name=name) if "value" in data.columns else None
         return Measurement(name, geometry, dataset, data.path)
     geometry = _inline(table, cls, source, detector, options)
     dataset = None
     if table.value is not None:
-        dataset = Dataset(geometry, [table.value], None if table.sd is None else [table.sd], noise=noise if table.sd is None else None, name=name)
+        sd = None if table.sd is None else [table.sd]
+        dataset = Dataset(geometry, [table.value], sd, noise=noise if sd is None else None, exposure=table.exposure, name=name)
     return Measurement(name, geometry, dataset, None)
 
 
 def _check_keys(table: _Measurement, cls: type[Geometry]) -> None:
     """Keys that this kind of measurement does not know."""
     given = {key for key, value in table.model_dump().items() if value is not None}
-    known = {"name", "kind", "file", "noise"}
+    known = {"name", "kind", "file", "noise", "exposure", "likelihood"}
     if issubclass(cls, Total):
         known |= {"value", "sd", "incidence"} | ({"specular"} if cls is TotalReflectance else set())
     elif issubclass(cls, Angular):

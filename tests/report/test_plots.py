@@ -54,7 +54,7 @@ def test_one_column_a_dataset():
     data = [lf.Dataset(g, v, 0.01 * v, name=n) for g, v, n in zip(geometries, values, ("R", "camera $x_{$"), strict=True)]
     names = ("$x_{$.sigma_a", "skin.g")
     fit: Any = SimpleNamespace(
-        problem=SimpleNamespace(data=data, names=names),
+        problem=SimpleNamespace(data=data, names=names, model=SimpleNamespace(scatter=[SimpleNamespace(spread=d.sd) for d in data])),
         predictions=values,
         residuals=[0 * v for v in values],
         noise=None,

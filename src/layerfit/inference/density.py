@@ -11,9 +11,9 @@ from .problem import Problem
 
 
 class Density(eqx.Module):
-    """Logarithm of prior times likelihood, up to a constant.
+    """Logarithm of prior times likelihood.
 
-    Called with numbers in physical units (p,); minus infinity outside the bounds.
+    Called with numbers in physical units (p,); minus infinity outside the bounds. Both are normalised, except where the noise is estimated.
     """
 
     model: Model
@@ -23,29 +23,23 @@ class Density(eqx.Module):
         self.model, self.estimates_noise = problem.model, problem.estimates_noise
 
     def log_prior(self, x: Float[Array, "p"]) -> Float[Array, ""]:
-        """Uniform between the bounds."""
-        low, high = self._ends()
-        return jnp.where(jnp.all((x >= low) & (x <= high)), 0.0, -jnp.inf)
+        """Per unit of each number; minus infinity outside the bounds."""
+        low, high = self.model.priors.low, self.model.priors.high
+        inside = jnp.all((x >= low) & (x <= high))
+        found = jnp.sum(self.model.priors.log_densities(jnp.clip(x, low, high)))
+        return jnp.where(inside, found, -jnp.inf)
 
     def log_likelihood(self, x: Float[Array, "p"]) -> Float[Array, ""]:
-        """Gaussian; where the data have no sd, integrated over one relative noise whose logarithm is uniform."""
-        pairs = zip(self.model.predict(x), self.model.values, self.model.sd, strict=True)
-        residuals = jnp.concatenate([(predicted - values) / sd for predicted, values, sd in pairs])
-        square = jnp.sum(residuals**2)
-        return -0.5 * residuals.size * jnp.log(square) if self.estimates_noise else -0.5 * square
+        """Of the data, as the problem's likelihood and model error say."""
+        return self.model.log_likelihood(x, estimates_noise=self.estimates_noise)
 
     def __call__(self, x: Float[Array, "p"]) -> Float[Array, ""]:
         prior = self.log_prior(x)
         inside = jnp.isfinite(prior)
-        low, high = self._ends()
-        found = self.log_likelihood(jnp.clip(x, low, high))
+        found = self.log_likelihood(jnp.clip(x, self.model.priors.low, self.model.priors.high))
         return jnp.where(inside & jnp.isfinite(found), prior + found, -jnp.inf)
 
     def unbounded(self, u: Float[Array, "p"]) -> Float[Array, ""]:
         """The density of the unbounded coordinates u of `Coordinates`: the same times dx/du."""
         x, slope = jax.jvp(self.model.coordinates.physical, (u,), (jnp.ones_like(u),))  # each x depends on its own u alone
         return self(x) + jnp.sum(jnp.log(slope))
-
-    def _ends(self) -> tuple[Float[Array, "p"], Float[Array, "p"]]:
-        low, high, log = self.model.coordinates.low, self.model.coordinates.high, self.model.coordinates.log
-        return jnp.where(log, jnp.exp(jnp.where(log, low, 0.0)), low), jnp.where(log, jnp.exp(jnp.where(log, high, 0.0)), high)

@@ -10,20 +10,22 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import equinox as eqx
 import jax
 import numpy as np
-from scipy.special import chdtrc
 
 from ..errors import InputError
 from ..scene.stack import Stack
 from .least_squares import Descent, descend
 from .parameters import unbounded
+from .parts import Parts, parts
 from .problem import Problem
-from .uncertainty import POOR, UNDETERMINED, Uncertainty, correlation, is_positive, uncertainty
+from .remarks import on_numbers, on_quality, on_solver, rivals
+from .uncertainty import Uncertainty, correlation, uncertainty
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MAX_STEPS = 200
 _SAME = 0.1  # two ends are one minimum if their chi-squares differ by less than this
+_CLIMBS = 3  # different minima of least squares from which a maximum of the posterior density is looked for
 _ENOUGH = 3  # starts that reach the best minimum, after which no more are made
 _LEAST_NOISE = 1e-7  # relative noise below which an estimated one is rounding
 
@@ -47,12 +49,17 @@ class Start(eqx.Module):
 
 
 class Estimate(eqx.Module):
-    """One fitted number. stderr: 1 standard deviation, None at a bound or where the data do not depend on it."""
+    """One fitted number.
+
+    stderr : 1 standard deviation, None at a bound or where the data do not depend on it. parts : what of it comes from the noise, the model's error
+    and the priors (their squares add up), None where the model error is off.
+    """
 
     value: float = eqx.field(static=True)
     stderr: float | None = eqx.field(static=True)
     unit: str = eqx.field(static=True)
     at_bound: bool = eqx.field(static=True)
+    parts: Parts | None = eqx.field(static=True, default=None)
 
 
 class Fit(eqx.Module):
@@ -62,8 +69,9 @@ class Fit(eqx.Module):
     ----------
     stack : the fitted stack, of the same structure as the guess.
     x, covariance : numbers in the order of problem.names and their covariance (p, p), physical units.
-    residuals, predictions : for each dataset (prediction - value)/sd and the prediction.
-    chi2, dof, chi2_reduced : sum of squares of all residuals, values minus free numbers, and their ratio.
+    residuals, predictions : for each dataset (prediction - value)/sd and the prediction; the sd holds correlated noise and the model's error too.
+    chi2, dof, chi2_reduced : sum of squares of all residuals (whitened where they are correlated, the deviance of Student's t and of counts), values
+        minus free numbers, and their ratio. Priors are no data: they count in neither.
     noise : the relative noise estimated from the fit, None where sd were given. The covariance uses it, and chi2_reduced is then 1.
     outcome, warnings : how it ended, and what to keep in mind.
     starts : all runs, best first. seconds : wall time.
@@ -82,11 +90,17 @@ class Fit(eqx.Module):
     warnings: tuple[str, ...] = eqx.field(static=True)
     starts: tuple[Start, ...]
     seconds: float = eqx.field(static=True)
+    parts: tuple[Parts | None, ...] = eqx.field(static=True)
 
     @property
     def covariance(self) -> np.ndarray:
         """Covariance in physical units (p, p); 0 beside numbers at a bound."""
         return self.uncertainty.covariance
+
+    @property
+    def references(self) -> tuple[Stack, ...]:
+        """The fitted stacks of reference samples."""
+        return tuple(sample.scene.stack(self.x) for sample in self.problem.model.samples[1:])
 
     @property
     def correlation(self) -> np.ndarray:
@@ -102,8 +116,8 @@ class Fit(eqx.Module):
     def parameters(self) -> dict[str, Estimate]:
         """Fitted numbers by name."""
         u = self.uncertainty
-        rows = zip(self.problem.parameters, self.x, u.stderr, u.at_bound, strict=True)
-        return {p.name: Estimate(float(x), stderr, p.unit, bound) for p, x, stderr, bound in rows}
+        rows = zip(self.problem.parameters, self.x, u.stderr, u.at_bound, self.parts, strict=True)
+        return {p.name: Estimate(float(x), stderr, p.unit, bound, parts) for p, x, stderr, bound, parts in rows}
 
     def plot(self) -> "Figure":
         """Data, fit and residuals as a matplotlib figure."""
@@ -145,11 +159,14 @@ def fit(
     seed: int = 0,
     on_start: Callable[[int, int], None] | None = None,
 ) -> Fit:
-    """Fit a problem by least squares.
+    """Fit a problem: least squares, normal priors among the residuals.
 
     The first run starts at the parameters' init, further ones at points spread evenly between the bounds, in a fixed order. Each goes first for the
     logarithms of the data, then for the data. Once three runs have met in the best minimum no more are made. A solver that was chosen for the init
-    and is not good enough at the result gives way to a better one, which goes on from there.
+    and is not good enough at the result gives way to a better one, which goes on from there. A model error is taken as stated at the result, once.
+
+    What is no sum of squares (Student's t, counts, hierarchies, a free scale of the model error) goes on from the least-squares minima to the maximum
+    of its posterior density, and takes its covariance from the Hessian there. In a hierarchy the maximum is no summary of the whole: sample it.
 
     Arguments
     ---------
@@ -168,11 +185,51 @@ def fit(
         raise InputError(f"starts = {starts!r}; allowed is a whole number, at least 1")
     began = time.perf_counter()
     points = _starting_points(problem, starts, seed)
-    result = _assemble(problem, _run_all(problem, points, on_start), time.perf_counter() - began)
+    result = _assemble(problem, _search(problem, points, on_start), time.perf_counter() - began)
     while (better := result.problem.again(result.stack, result.x)) is not None:
-        runs = _run_all(better, _starting_points(better, 1, seed), on_start)
+        runs = _search(better, _starting_points(better, 1, seed), on_start)
         result = _assemble(better, runs, time.perf_counter() - began)
+    if problem.model_error != "off" and np.all(np.isfinite(result.x)):
+        again = result.problem.with_errors_at(result.x, result.predictions)
+        result = _assemble(again, _search(again, _shares(again, result.x[None]), None), time.perf_counter() - began)
     return result
+
+
+def _search(problem: Problem, points: np.ndarray, on_start: Callable[[int, int], None] | None) -> "list[_Run]":
+    """Runs from all points, best first."""
+    runs = _run_all(problem, points, on_start)
+    return runs if problem.least_squares else _climb(problem, runs)
+
+
+def _climb(problem: Problem, runs: "list[_Run]") -> "list[_Run]":
+    """From the minima of least squares to the maxima of the posterior density; the square of the Hessian's root is in place of the Jacobian's."""
+    from .maximum import maximise, root_of_hessian  # jaxopt is slow to import
+
+    ended: list[_Run] = []
+    for run in runs:
+        if any(_same_minimum(problem, other, run) for other in ended) or len(ended) == _CLIMBS:
+            continue
+        ended.append(run)
+    out = []
+    for run in ended:
+        there = maximise(problem, _shares(problem, run.start.last[None])[0], _MAX_STEPS)
+        x = np.asarray(problem.model.coordinates.between(there.share))
+        outcome = Outcome.NOT_FINITE if not math.isfinite(there.value) else Outcome.CONVERGED if there.converged else Outcome.MAX_STEPS
+        start = Start(run.start.first, x, there.value, run.start.steps + there.steps, outcome)
+        out.append((start, there.share))
+    out.sort(key=lambda pair: pair[0].chi2)
+    root = root_of_hessian(problem, out[0][1])
+    climbed = []
+    for start, share in out:
+        u = unbounded(share)
+        slope = np.asarray(jax.jvp(problem.model.coordinates.physical, (u,), (np.ones_like(u),))[1])
+        climbed.append(_Run(start, _End(u, slope, np.zeros(0), root * slope)))
+    return climbed
+
+
+def _shares(problem: Problem, points: np.ndarray) -> np.ndarray:
+    """Positions between the bounds (points, p) of points in physical units."""
+    return np.array([[p.share(float(v)) for p, v in zip(problem.parameters, x, strict=True)] for x in points])
 
 
 def _starting_points(problem: Problem, count: int, seed: int) -> np.ndarray:
@@ -182,9 +239,18 @@ def _starting_points(problem: Problem, count: int, seed: int) -> np.ndarray:
     return np.concatenate([init[None], (ranks + 0.5) / max(count - 1, 1)])
 
 
+class _End(NamedTuple):
+    """The end of one run: coordinates, dx/du, weighted residuals and their slopes in u (see `Descent`)."""
+
+    u: np.ndarray
+    slope: np.ndarray
+    residual: np.ndarray
+    jacobian: np.ndarray
+
+
 class _Run(NamedTuple):
     start: Start
-    end: Descent  # of this run alone, in NumPy
+    end: _End
 
 
 def _rows(problem: Problem, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -200,7 +266,8 @@ def _run_one(problem: Problem, share: np.ndarray) -> _Run:
     outcome = Outcome.CONVERGED if end.converged else Outcome.MAX_STEPS
     if not math.isfinite(value):
         value, outcome = math.inf, Outcome.NOT_FINITE
-    return _Run(Start(np.asarray(end.first), np.asarray(end.x), value, int(end.steps), outcome), end)
+    start = Start(np.asarray(end.first), np.asarray(end.x), value, int(end.steps), outcome)
+    return _Run(start, _End(*(np.asarray(part) for part in (end.u, end.slope, end.residual, end.jacobian))))
 
 
 def _run_all(problem: Problem, points: np.ndarray, on_start: Callable[[int, int], None] | None) -> list[_Run]:
@@ -220,8 +287,8 @@ def _run_all(problem: Problem, points: np.ndarray, on_start: Callable[[int, int]
 
 
 def _variance(problem: Problem, best: _Run) -> float:
-    """Variance of a residual: 1 where sd are given, else estimated from the best minimum."""
-    if not problem.estimates_noise:
+    """Variance of a residual: 1 where sd are given (or the noise is part of the density), else estimated from the best minimum."""
+    if not (problem.estimates_noise and problem.least_squares):
         return 1.0
     dof = max(sum(d.geometry.size for d in problem.data) - len(problem.parameters), 1)
     return max(best.start.chi2 / dof, _LEAST_NOISE**2)
@@ -242,10 +309,20 @@ def _physical(jacobian: np.ndarray, slope: np.ndarray) -> np.ndarray:
 
 
 def _jacobians_at(problem: Problem, points: np.ndarray) -> np.ndarray:
-    """The same at points in physical units (points, p)."""
-    shares = np.array([[p.share(float(v)) for p, v in zip(problem.parameters, x, strict=True)] for x in points])
+    """The same at points in physical units (points, p), or the roots of Hessians that stand in their place."""
+    shares = _shares(problem, points)
+    if problem.least_squares:
+        return _linearised(problem, shares)[1]
+    from .maximum import root_of_hessian
+
+    return np.array([root_of_hessian(problem, share) for share in shares])
+
+
+def _linearised(problem: Problem, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weighted residuals (points, n) and their Jacobians in physical units (points, n, p)."""
     there = descend(problem.model, *_rows(problem, shares), np.array(True), _MAX_STEPS)
-    return _physical(np.asarray(there.jacobian), np.asarray(there.slope))[: len(points)]
+    rows = slice(len(shares))
+    return np.asarray(there.residual)[rows], _physical(np.asarray(there.jacobian), np.asarray(there.slope))[rows]
 
 
 def _assemble(problem: Problem, runs: Sequence[_Run], seconds: float) -> Fit:
@@ -254,16 +331,34 @@ def _assemble(problem: Problem, runs: Sequence[_Run], seconds: float) -> Fit:
     variance = _variance(problem, best)
     jacobian = _physical(np.asarray(best.end.jacobian), np.asarray(best.end.slope))
     known = uncertainty(problem.parameters, x, lambda points: _jacobians_at(problem, points), jacobian, variance)
-    flat = np.asarray(best.end.residual)
-    sizes = np.cumsum([d.geometry.size for d in problem.data])[:-1]
-    weighted = np.split(flat / math.sqrt(variance), sizes)
-    predictions = [d.values + r * np.asarray(sd) for d, r, sd in zip(problem.data, np.split(flat, sizes), problem.model.sd, strict=True)]
-    dof = flat.size - x.size
+    residuals, slopes = np.asarray(best.end.residual), jacobian
+    if not problem.least_squares:
+        residuals, slopes = (found[0] for found in _linearised(problem, _shares(problem, x[None])))
+    scatter, count = problem.model.scatter, sum(d.geometry.size for d in problem.data)
+    ends = np.cumsum([d.geometry.size for d in problem.data])
+    flat = np.split(residuals[:count], ends[:-1])
+    predictions = [d.values + np.asarray(one.unweighted(r)) for d, one, r in zip(problem.data, scatter, flat, strict=True)]
+    dof = count - x.size
+    scale = 1.0 if problem.model.error_scale is None else float(x[problem.model.error_scale])
+    chi2 = sum(float(one.misfit(predicted, scale)) for one, predicted in zip(scatter, predictions, strict=True))
+    noise = None
+    if problem.estimates_noise:
+        noise = math.sqrt(max(chi2 / max(dof, 1), _LEAST_NOISE**2))
+        chi2 /= noise**2
+    size = 1.0 if noise is None else noise
+    weighted = [
+        (predicted - d.values) / (size * np.asarray(one.spread)) for d, one, predicted in zip(problem.data, scatter, predictions, strict=True)
+    ]
+    split: Sequence[Parts | None] = (None,) * x.size
+    if problem.model_error != "off" and np.all(np.isfinite(slopes)) and np.all(np.isfinite(jacobian)):
+        inside = np.flatnonzero(~np.array(known.at_bound))
+        split = parts(scatter, slopes[:count], jacobian.T @ jacobian, inside, known.stderr, scale)
+    starts = [run.start for run in runs]
+    if not problem.least_squares:  # on the scale of the data's
+        starts = [Start(s.first, s.last, (s.chi2 - best.start.chi2 + chi2) * size**2, s.steps, s.outcome) for s in starts]
     values = {p.name: float(v) for p, v in zip(problem.parameters, x, strict=True)}
     stack = problem.stack.set({name: v for name, v in values.items() if name in problem.stack.names})
-    stack = stack.set({tie.name: tie.factor * stack.get(tie.source) for tie in problem.ties})
-    noise = math.sqrt(variance) if problem.estimates_noise else None
-    chi2 = float(np.sum(flat**2)) / variance
+    stack = stack.set({tie.name: float(tie.value(stack)) for tie in problem.model.scene.ties})
     return Fit(
         problem=problem,
         stack=stack,
@@ -275,54 +370,19 @@ def _assemble(problem: Problem, runs: Sequence[_Run], seconds: float) -> Fit:
         dof=dof,
         noise=noise,
         outcome=best.start.outcome,
-        warnings=tuple(_warnings(problem, runs, known, stack, chi2, dof, noise)),
-        starts=tuple(run.start for run in runs),
+        warnings=tuple(_remarks(problem, runs, known, stack, chi2, dof, noise)),
+        starts=tuple(starts),
         seconds=seconds,
+        parts=tuple(split),
     )
 
 
-def _warnings(problem: Problem, runs: Sequence[_Run], known: Uncertainty, stack: Stack, chi2: float, dof: int, noise: float | None) -> list[str]:
-    warnings = []
-    best = runs[0]
-    if best.start.outcome is not Outcome.CONVERGED:
-        warnings.append(f"the fit did not converge: {best.start.outcome.value}")
-    met = sum(_same_minimum(problem, best, run) for run in runs)
-    if len(runs) > 1 and met < len(runs):
-        others = [run.start.chi2 / _variance(problem, best) for run in runs if not _same_minimum(problem, best, run)]
-        rival = min(others)
-        near = rival - chi2 < 9.0
-        warnings.append(
-            f"{met} of {len(runs)} starts reached the best minimum (chi-square {chi2:.4g}); the next one has {rival:.4g}"
-            + (", which the data can hardly tell apart" if near else "")
-        )
-    for parameter, bound, x in zip(problem.parameters, known.at_bound, best.start.last, strict=True):
-        if bound:
-            side = "lower" if x - parameter.low < parameter.high - x else "upper"
-            warnings.append(
-                f"{parameter.name} is at its {side} bound ({x:.4g} {parameter.unit}); it has no standard error, and the others hold with it there"
-            )
-    for parameter, sd in zip(problem.parameters, known.relative, strict=True):
-        if not sd <= UNDETERMINED:
-            warnings.append(f"{parameter.name} is not determined by the data")
-        elif sd > POOR:
-            whole = "value" if is_positive(parameter) else "interval"
-            warnings.append(f"{parameter.name} is poorly determined by the data: its standard error is {100 * sd:.0f} % of its {whole}")
-    warnings.extend(known.directions)
-    contradicted = False
-    if noise is not None:
-        warnings.append(f"the data have no sd: one relative noise was estimated from the fit, {noise:.2g}")
-    elif chdtrc(max(dof, 1), chi2) < 1e-3:
-        contradicted = True
-        warnings.append(
-            f"chi-square {chi2:.4g} for {dof} degrees of freedom: the model does not describe the data within their sd, or the sd are too small"
-        )
-    if dof <= 0 and not contradicted:
-        warnings.append("as many free parameters as values: the quality of the fit cannot be judged")
-    for dataset in problem.data:
-        try:
-            problem.chosen.check(stack, dataset.geometry)
-        except InputError as error:
-            warnings.append(f"at the fitted values: {error}")
-        warnings.extend(problem.chosen.notes(stack, dataset.geometry))
-    warnings.extend(problem.choice.notes)
-    return list(dict.fromkeys(warnings))
+def _remarks(problem: Problem, runs: Sequence[_Run], known: Uncertainty, stack: Stack, chi2: float, dof: int, noise: float | None) -> list[str]:
+    """All that is to be said beside the numbers."""
+    best, variance = runs[0], _variance(problem, runs[0])
+    said = [] if best.start.outcome is Outcome.CONVERGED else [f"the fit did not converge: {best.start.outcome.value}"]
+    others = [run.start.chi2 / variance for run in runs if not _same_minimum(problem, best, run)]
+    said += rivals(best.start.chi2 / variance, others, len(runs))
+    said += on_numbers(problem.parameters, best.start.last, known)
+    said += on_quality(problem, chi2, dof, noise)
+    return list(dict.fromkeys([*said, *on_solver(problem, stack)]))

@@ -159,7 +159,7 @@ def _descend(model: Model, u: Float[AnyArray, "runs p"], count: Int[AnyArray, ""
 
     u = jnp.asarray(u)
     runs, p = u.shape
-    n = sum(values.size for values in model.values)
+    n = model.rows
     empty = (jnp.zeros((runs, p)), jnp.zeros(runs, int), jnp.zeros((runs, n)), jnp.zeros((runs, n, p)), jnp.zeros(runs, bool))
     end, steps, residual, jacobian, converged = jax.lax.fori_loop(0, count, run, empty)
     x, slope = jax.jvp(model.coordinates.physical, (end,), (jnp.ones_like(end),))  # each number has its own coordinate

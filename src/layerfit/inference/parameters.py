@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice, product
 from typing import Any, Literal
 
 import equinox as eqx
@@ -17,10 +18,13 @@ from ..errors import InputError
 from ..measurement.dataset import Dataset
 from ..measurement.geometry import Radial, value_unit
 from ..scene.stack import Stack
+from .priors import UNIFORM, Prior, parse_prior
 
 Scale = Literal["linear", "log"]
 
 NUISANCE = {"amplitude": 1.0, "offset": 0.0, "background": 0.0}
+MODEL_ERROR = "scene.model_error"  # scale of the solver's stated error
+HYPER = "hyper."  # numbers that priors depend on
 _UNITS = {"sigma_a": "1/mm", "sigma_s": "1/mm", "sigma_s_prime": "1/mm", "thickness": "mm", "offset": "mm"}
 # lowest and highest value each number may ever have: (value, whether it may be reached)
 _PHYSICAL = {
@@ -35,7 +39,9 @@ _PHYSICAL = {
     "n_above": ((0.0, False), (math.inf, False)),
     "n_below": ((0.0, False), (math.inf, False)),
     "amplitude": ((0.0, False), (math.inf, False)),
+    MODEL_ERROR: ((0.0, True), (math.inf, False)),
 }
+_KEYS = ("min", "max", "init", "scale", "prior")
 _LOG_BY_DEFAULT = ("sigma_a", "sigma_s", "sigma_s_prime", "thickness")
 
 
@@ -43,7 +49,7 @@ _LOG_BY_DEFAULT = ("sigma_a", "sigma_s", "sigma_s_prime", "thickness")
 class FreeParameter:
     """A free number: its bounds, where to start, and the scale on which starts are spread and steps are taken.
 
-    low, high : bounds, never crossed. init : start (default: the scene's value). scale : "log" or "linear".
+    low, high : bounds, never crossed. init : start (default: the scene's value). scale : "log" or "linear". prior : density between the bounds.
     """
 
     name: str
@@ -52,6 +58,7 @@ class FreeParameter:
     init: float
     scale: Scale
     unit: str
+    prior: Prior = UNIFORM
 
     @property
     def log(self) -> bool:
@@ -74,41 +81,78 @@ class FreeParameter:
         return math.exp(there) if self.log else there
 
 
-def free_parameters(stack: Stack, datasets: Sequence[Dataset], free: Mapping[str, Any], *, where: str = "free") -> tuple[FreeParameter, ...]:
+def spread_points(parameters: Sequence[FreeParameter], count: int, seed: int = 0) -> np.ndarray:
+    """Corners of the box between the bounds (the first 64 of them) and points between them, physical units (points, p)."""
+    corners = np.array(list(islice(product((0.0, 1.0), repeat=len(parameters)), 64)))
+    shares = np.concatenate([corners, np.random.default_rng(seed).random((count, len(parameters)))])
+    return np.array([[p.at(float(s)) for p, s in zip(parameters, row, strict=True)] for row in shares])
+
+
+def free_parameters(
+    stack: Stack, datasets: Sequence[Dataset], free: Mapping[str, Any], *, others: Sequence[Stack] = (), where: str = "free"
+) -> tuple[FreeParameter, ...]:
     """Free parameters from ``{name: (min, max)}`` or ``{name: {"min":, "max":, "init":, "scale":}}``.
 
-    Without a scale, coefficients and thicknesses whose bounds lie above 0 and span a decade or more are varied on a log scale, all others on a
-    linear one. Raises InputError for a name that does not exist, bounds that are no interval, lie outside what the number can be, or do not hold
-    the start.
+    A table may have a ``"prior"`` as well (see `parse_prior`). Names that begin with ``hyper.`` are numbers that priors depend on.
+    ``scene.model_error`` is the scale of the solver's error. Without a scale, coefficients and thicknesses whose bounds lie above 0 and span a decade
+    or more are varied on a log scale, all others on a linear one. Raises InputError for a name that does not exist, bounds that are no interval, lie
+    outside what the number can be, or do not hold the start.
+
+    others : stacks of reference samples, the numbers of whose layers may be free too.
     """
+    stacks = (stack, *others)
     if not free:
-        raise InputError(f"{where}: no free parameter was given; allowed is one or more of {', '.join(_names(stack, datasets))}")
-    return tuple(_one(stack, datasets, name, spec, f"{where} '{name}'") for name, spec in free.items())
+        raise InputError(f"{where}: no free parameter was given; allowed is one or more of {', '.join(_names(stacks, datasets))}")
+    parameters = tuple(_one(stacks, datasets, name, spec, f"{where} '{name}'") for name, spec in free.items())
+    names = {p.name for p in parameters}
+    used = {name: p.name for p in parameters for name in p.prior.references}
+    for p in parameters:
+        for number, argument in zip(p.prior.numbers, p.prior.arguments, strict=True):
+            least = {"sd": 0.0, "median": 0.0, "factor": 1.0}.get(argument, -math.inf)
+            low = next((q.low for q in parameters if q.name == number), math.inf)
+            if isinstance(number, str) and low <= least:
+                raise InputError(f"{where} '{number}': min = {low:g}; as the {argument} of a prior it must stay above {least:g}")
+    for name, user in used.items():
+        if name not in names:
+            raise InputError(f"{where} '{user}': its prior names '{name}', which is not free; allowed: {', '.join(names - {user})}")
+    for name in names:
+        if name.startswith(HYPER) and name not in used:
+            raise InputError(f"{where} '{name}': no prior names it; allowed are numbers of the scene, and those that a prior depends on")
+    return parameters
 
 
-def _names(stack: Stack, datasets: Sequence[Dataset]) -> list[str]:
-    nuisance = [f"{d.name}.{n}" for d in datasets for n in NUISANCE if n != "offset" or isinstance(d.geometry, Radial)]
-    return [*stack.names, *nuisance]
+def _names(stacks: Sequence[Stack], datasets: Sequence[Dataset]) -> list[str]:
+    return [*stacks[0].names, *(name for s in stacks[1:] for name in s.names if not name.startswith("scene.")), *calibration_names(datasets)]
 
 
-def _one(stack: Stack, datasets: Sequence[Dataset], name: str, spec: Any, where: str) -> FreeParameter:
-    if name not in _names(stack, datasets):
-        raise InputError(f"{where} does not exist; allowed: {', '.join(_names(stack, datasets))}")
+def calibration_names(datasets: Sequence[Dataset]) -> list[str]:
+    """Names of the numbers of measurements."""
+    return [f"{d.name}.{n}" for d in datasets for n in NUISANCE if n != "offset" or isinstance(d.geometry, Radial)]
+
+
+def _one(stacks: Sequence[Stack], datasets: Sequence[Dataset], name: str, spec: Any, where: str) -> FreeParameter:
+    known = _names(stacks, datasets)
+    beside = name not in known and (name == MODEL_ERROR or (name.startswith(HYPER) and len(name) > len(HYPER)))
+    if name not in known and not beside:
+        raise InputError(f"{where} does not exist; allowed: {', '.join(known)}")
     owner, field = name.rsplit(".", 1)
     dataset = next((d for d in datasets if d.name == owner), None) if field in NUISANCE else None
-    start = NUISANCE[field] if dataset is not None else float(stack.get(name))
-    scale = None
+    start: Any = NUISANCE[field] if dataset is not None else None if beside else float(next(s for s in stacks if name in s.names).get(name))
+    scale, prior = None, UNIFORM
     if isinstance(spec, Mapping):
-        unknown = [key for key in spec if key not in ("min", "max", "init", "scale")]
+        unknown = [key for key in spec if key not in _KEYS]
         if unknown or "min" not in spec or "max" not in spec:
             wrong = f"unknown key '{unknown[0]}'" if unknown else "min or max is missing"
-            raise InputError(f"{where}: {wrong}; allowed: min, max, init, scale")
+            raise InputError(f"{where}: {wrong}; allowed: {', '.join(_KEYS)}")
         low, high, start, scale = spec["min"], spec["max"], spec.get("init", start), spec.get("scale")
+        prior = parse_prior(spec["prior"], where) if "prior" in spec else prior
     else:
         try:
             low, high = spec
         except (TypeError, ValueError):
-            raise InputError(f"{where} = {spec!r}; allowed is [min, max] or a table with min, max, init, scale") from None
+            raise InputError(f"{where} = {spec!r}; allowed is [min, max] or a table with {', '.join(_KEYS)}") from None
+    if start is None:  # of a number that the scene does not have
+        start = _middle(low, high)
     numbers = {"min": low, "max": high, "init": start}
     for key, value in numbers.items():
         if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not math.isfinite(value):
@@ -116,61 +160,30 @@ def _one(stack: Stack, datasets: Sequence[Dataset], name: str, spec: Any, where:
     low, high, start = float(low), float(high), float(start)
     if not low < high:
         raise InputError(f"{where}: min = {low:g} is not below max = {high:g}")
-    (lowest, reach_low), (highest, reach_high) = _PHYSICAL.get(field, ((-math.inf, False), (math.inf, False)))
+    (lowest, reach_low), (highest, reach_high) = _PHYSICAL.get(name if beside else field, ((-math.inf, False), (math.inf, False)))
     if low < lowest or (low == lowest and not reach_low) or high > highest or (high == highest and not reach_high):
         raise InputError(
             f"{where}: bounds {low:g} to {high:g}; {field} can only be {lowest:g} to {highest:g}{'' if reach_low else ', the ends excluded'}"
         )
     if not low <= start <= high:
         raise InputError(f"{where}: the start {start:g} lies outside its bounds {low:g} to {high:g}; widen them or give init")
+    prior.check(low, high, where)
     if scale is None:
-        scale = "log" if field in _LOG_BY_DEFAULT and low > 0 and high / low >= 10.0 else "linear"
+        scale = "log" if (beside or field in _LOG_BY_DEFAULT) and low > 0 and high / low >= 10.0 else "linear"
     if scale not in ("linear", "log"):
         raise InputError(f'{where}: scale = {scale!r}; allowed: "linear", "log"')
     if scale == "log" and low <= 0:
         raise InputError(f"{where}: scale log needs a min above 0; {low:g} was given")
     unit = value_unit(dataset.geometry) if dataset is not None and field == "background" else _UNITS.get(field, "1")
-    return FreeParameter(name, low, high, start, scale, unit)
+    return FreeParameter(name, low, high, start, scale, unit, prior)
 
 
-class Tie(eqx.Module):
-    """A number that follows another: value = factor * source."""
-
-    name: str = eqx.field(static=True)
-    source: str = eqx.field(static=True)
-    factor: float = eqx.field(static=True)
-
-
-def parse_ties(stack: Stack, free: Sequence[FreeParameter], ties: Mapping[str, Any], *, where: str = "ties") -> tuple[Tie, ...]:
-    """Ties from ``{name: source}`` or ``{name: (source, factor)}``, both numbers of the stack.
-
-    Raises InputError for a name that does not exist, is free, or follows itself or another tied number.
-    """
-    parsed = []
-    for name, spec in ties.items():
-        source, factor = _tie(spec, f"{where} '{name}'")
-        for given in (name, source):
-            if given not in stack.names:
-                raise InputError(f"{where} '{name}': '{given}' is no number of the scene; allowed: {', '.join(stack.names)}")
-        if isinstance(factor, bool) or not isinstance(factor, int | float) or not math.isfinite(factor) or factor <= 0:
-            raise InputError(f"{where} '{name}': factor = {factor!r}; allowed is a finite number above 0")
-        if any(p.name == name for p in free):
-            raise InputError(f"{where} '{name}': it is free as well; allowed is one of both")
-        if source == name or source in ties:
-            raise InputError(f"{where} '{name}': follows '{source}', which is tied itself; tie both to the same number")
-        parsed.append(Tie(name, source, float(factor)))
-    return tuple(parsed)
-
-
-def _tie(spec: Any, where: str) -> tuple[str, Any]:
-    """Source and factor as given."""
-    if isinstance(spec, str):
-        return spec, 1.0
-    if isinstance(spec, Mapping) and "to" in spec and not set(spec) - {"to", "factor"}:
-        spec = (spec["to"], spec.get("factor", 1.0))
-    if isinstance(spec, Sequence) and len(spec) == 2 and isinstance(spec[0], str):
-        return spec[0], spec[1]
-    raise InputError(f"{where} = {spec!r}; allowed is the name of a number, [name, factor], or a table with to and factor")
+def _middle(low: Any, high: Any) -> Any:
+    """Between two bounds, if they are numbers."""
+    try:
+        return math.sqrt(low * high) if low > 0 else 0.5 * (low + high)
+    except (TypeError, ValueError, OverflowError):
+        return 0.0
 
 
 class Coordinates(eqx.Module):
@@ -189,7 +202,11 @@ class Coordinates(eqx.Module):
 
     def physical(self, u: Float[Array, "*s p"]) -> Float[Array, "*s p"]:
         """Numbers in physical units at u."""
-        inner = self.low + (self.high - self.low) * jax.nn.sigmoid(u)
+        return self.between(jax.nn.sigmoid(u))
+
+    def between(self, share: Float[AnyArray, "*s p"]) -> Float[Array, "*s p"]:
+        """Numbers in physical units at shares between the bounds."""
+        inner = self.low + (self.high - self.low) * share
         return jnp.where(self.log, jnp.exp(jnp.where(self.log, inner, 0.0)), inner)
 
 

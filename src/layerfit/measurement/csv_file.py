@@ -162,18 +162,20 @@ def geometry_from_table(
         raise InputError(f"{table.place(error.row)}: {error}") from None
 
 
-def dataset_from_table(table: Table, geometry: Geometry, *, noise: Noise | None = None, name: str = "measurement") -> Dataset:
-    """Values and sd of a file for its geometry. A noise is used where the file has no sd."""
+def dataset_from_table(
+    table: Table, geometry: Geometry, *, noise: Noise | None = None, exposure: float | None = None, name: str = "measurement"
+) -> Dataset:
+    """Values and sd of a file for its geometry. A noise is used where the file has no sd. With an exposure the values are counts, unit 1."""
 
     if "value" not in table.columns:
         raise InputError(f"{table.path}: there is no column 'value'; allowed is a header like 'r [mm], value [1/mm^2], sd [1/mm^2]'")
-    quantity = _VALUE_QUANTITY[value_unit(geometry)]
+    quantity = _VALUE_QUANTITY["1" if exposure is not None else value_unit(geometry)]
     values = table.converted("value", quantity)
     if table.units.get("sd") == "%" != table.units["value"]:
         raise InputError(f"{table.path}: sd in % of what? allowed is an sd in a unit of the value, or a relative noise instead")
     sd = table.converted("sd", quantity) if "sd" in table.columns else None
     try:
-        return Dataset(geometry, values, sd, noise=noise if sd is None else None, name=name)
+        return Dataset(geometry, values, sd, noise=noise if sd is None else None, exposure=exposure, name=name)
     except InputError as error:
         raise InputError(f"{table.place(error.row)}: {error}") from None
 
@@ -185,6 +187,7 @@ def read(
     source: Source | None = None,
     detector: Detector | None = None,
     noise: Noise | None = None,
+    exposure: float | None = None,
     name: str = "measurement",
     **options: Any,
 ) -> Dataset:
@@ -192,6 +195,7 @@ def read(
 
     Columns: ``r`` or ``r_min`` and ``r_max`` [length], ``k`` [rad/length] or ``fx`` [1/length]; ``value``; optionally ``sd`` in a unit of the value.
     kind : as in a scene file; default radial_reflectance for r and spatial_frequency for k or fx. noise : used where the file has no sd.
+    exposure : the values are counts, see `Dataset`.
     options : specular and incidence of a total.
 
     Raises InputError naming file, line and column.
@@ -200,4 +204,4 @@ def read(
         raise InputError(f"kind = {kind!r}; allowed: {', '.join(GEOMETRIES)}")
     table = read_table(path)
     geometry = geometry_from_table(table, kind, source=source, detector=detector, **options)
-    return dataset_from_table(table, geometry, noise=noise, name=name)
+    return dataset_from_table(table, geometry, noise=noise, exposure=exposure, name=name)

@@ -47,6 +47,8 @@ class Dataset(eqx.Module):
     sd : standard deviations, above 0; or
     noise : Noise(relative, absolute), from which they follow. With neither, one relative noise is assumed for all values and its size is
         estimated from the fit.
+    exposure : the values are counts (whole numbers, at least 0) and this, one number or one a place, is the count expected for a value of 1 in the
+        unit of the geometry: photons sent times the detector's area and efficiency. Values and sd = sqrt(count) are kept in that unit.
     name : prefix of the nuisance parameters (``name.amplitude``, ``name.offset``, ``name.background``).
 
     Raises InputError for counts that do not agree, values that are not finite, or an sd that is not above 0.
@@ -60,13 +62,20 @@ class Dataset(eqx.Module):
     values: np.ndarray
     sd: np.ndarray | None
     name: str
+    exposure: np.ndarray | None
 
-    def __init__(self, geometry: Geometry, values: Any, sd: Any = None, *, noise: Noise | None = None, name: str = "measurement"):
+    def __init__(
+        self, geometry: Geometry, values: Any, sd: Any = None, *, noise: Noise | None = None, exposure: Any = None, name: str = "measurement"
+    ):
         check_measurement_name(name)
         self.geometry, self.name = geometry, name
         self.values = self._column(values, "value")
-        self.sd = None
-        if sd is not None:
+        self.sd = self.exposure = None
+        if exposure is not None:
+            if sd is not None or noise is not None:
+                raise InputError(f"measurement '{name}': an exposure beside sd or noise; the sd of counts are known, allowed is one of them")
+            self._take_counts(exposure)
+        elif sd is not None:
             self.sd = self._column(sd, "sd")
             if np.any(self.sd <= 0):
                 i = int(np.flatnonzero(self.sd <= 0)[0])
@@ -85,6 +94,19 @@ class Dataset(eqx.Module):
                 "whose relative noise is estimated",
                 row=i,
             )
+
+    def _take_counts(self, exposure: Any) -> None:
+        counts = self.values
+        self.exposure = self._column(np.broadcast_to(exposure, counts.shape) if np.ndim(exposure) == 0 else exposure, "exposure")
+        for wrong, what, given, allowed in (
+            ((counts < 0) | (counts != np.round(counts)), "count", counts, "whole numbers, at least 0"),
+            (self.exposure <= 0, "exposure", self.exposure, "numbers above 0"),
+        ):
+            if np.any(wrong):
+                i = int(np.flatnonzero(wrong)[0])
+                raise InputError(f"measurement '{self.name}': {what} {i + 1} is {given[i]:g}; allowed are {allowed}", row=i)
+        self.values = counts / self.exposure
+        self.sd = np.sqrt(np.maximum(counts, 1.0)) / self.exposure
 
     def _column(self, values: Any, what: str) -> np.ndarray:
         try:

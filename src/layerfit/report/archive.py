@@ -12,7 +12,7 @@ from ..measurement.geometry import Angular, Geometry, SpatialFrequency, value_un
 from ..predict import Prediction
 from .html import fit_report, svg
 from .plots import plot_fit
-from .tables import versions
+from .tables import likelihood_text, versions
 
 if TYPE_CHECKING:
     from ..inference.fit import Estimate, Fit
@@ -23,7 +23,8 @@ def _finite(value: float | None) -> float | None:
 
 
 def _estimate_dict(estimate: "Estimate") -> dict[str, Any]:
-    return {"value": _finite(estimate.value), "stderr": _finite(estimate.stderr), "unit": estimate.unit, "at_bound": estimate.at_bound}
+    entry = {"value": _finite(estimate.value), "stderr": _finite(estimate.stderr), "unit": estimate.unit, "at_bound": estimate.at_bound}
+    return entry if estimate.parts is None else entry | {"stderr_from": estimate.parts._asdict()}
 
 
 def fit_dict(fit: "Fit") -> dict[str, Any]:
@@ -41,8 +42,13 @@ def fit_dict(fit: "Fit") -> dict[str, Any]:
         "settings": {
             "solver": repr(fit.problem.chosen),
             "guess": repr(fit.problem.stack),
-            "free": {p.name: {"min": p.low, "max": p.high, "init": p.init, "scale": p.scale} for p in fit.problem.parameters},
-            "ties": {tie.name: {"to": tie.source, "factor": tie.factor} for tie in fit.problem.ties},
+            "free": {
+                p.name: {"min": p.low, "max": p.high, "init": p.init, "scale": p.scale, "prior": {p.prior.kind: list(p.prior.numbers)}}
+                for p in fit.problem.parameters
+            },
+            "ties": {t.name: {"to": t.source, "factor": t.factor} if t.function is None else {"to": t.text} for t in fit.problem.ties},
+            "likelihoods": {d.name: likelihood_text(one) for d, one in zip(fit.problem.data, fit.problem.likelihoods, strict=True)},
+            "model_error": fit.problem.model_error,
         },
         "stack": repr(fit.stack),
         "starts": [{"chi2": _finite(s.chi2), "steps": s.steps, "outcome": s.outcome.value} for s in fit.starts],
@@ -55,10 +61,13 @@ def save_fit(fit: "Fit", folder: Any, *, title: str = "layerfit") -> dict[str, P
     """fit.json, report.html, fit.svg and one CSV of the fitted curve a dataset; returns the paths by file name."""
     folder = writable_folder(folder)
     files = {"fit.json": json.dumps(fit_dict(fit), indent=1, allow_nan=False), "fit.svg": svg(plot_fit(fit))}
-    for dataset, predicted, residuals in zip(fit.problem.data, fit.predictions, fit.residuals, strict=True):
+    rows = zip(fit.problem.data, fit.problem.model.scatter, fit.predictions, fit.residuals, strict=True)
+    for dataset, scatter, predicted, residuals in rows:
         unit = value_unit(dataset.geometry)
         sd = dataset.sd if dataset.sd is not None else (fit.noise or 0.0) * np.abs(dataset.values)
         columns = {f"value [{unit}]": dataset.values, f"sd [{unit}]": sd, f"fit [{unit}]": predicted, "residual [1]": -residuals}
+        if getattr(scatter, "error", None) is not None:
+            columns[f"model_error [{unit}]"] = np.sqrt(np.diag(scatter.error))  # pyright: ignore[reportAttributeAccessIssue]
         files[f"curve_{dataset.name}.csv"] = _csv(dataset.geometry, columns)
     files["report.html"] = fit_report(fit, files["fit.svg"], title=title)
     return {name: write(folder / name, content) for name, content in files.items()}

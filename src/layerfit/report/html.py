@@ -10,7 +10,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from ..scene.drawing import stack_svg
-from .tables import chi_square_text, derived_rows, parameter_rows, solver_text, start_rows, versions
+from .tables import chi_square_text, derived_rows, likelihood_text, parameter_rows, solver_text, start_rows, versions
 
 if TYPE_CHECKING:
     from ..inference.fit import Fit
@@ -41,6 +41,7 @@ def _content(fit: "Fit") -> dict[str, Any]:
         "chi2": chi_square_text(fit.chi2),
         "starts": start_rows(fit),
         "solver": solver_text(fit.problem.chosen),
+        "likelihoods": [likelihood_text(one) for one in fit.problem.likelihoods],
         "references": fit.problem.chosen.references,
     }
 

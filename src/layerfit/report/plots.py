@@ -39,7 +39,7 @@ def plot_fit(fit: "Fit") -> Figure:
     axes = figure.subplots(2, len(data), height_ratios=[3, 1], width_ratios=widths, squeeze=False, sharex="col")
     for i, dataset in enumerate(data):
         noise = 1.0 if fit.noise is None else fit.noise
-        sd = dataset.sd if dataset.sd is not None else noise * np.abs(dataset.values)
+        sd = noise * np.asarray(fit.problem.model.scatter[i].spread)
         _panel(axes[0, i], axes[1, i], dataset.geometry, dataset.values, sd, fit.predictions[i], fit.residuals[i])
         axes[0, i].set_title(dataset.name, fontsize="medium", parse_math=False)
     handles, labels = axes[0, 0].get_legend_handles_labels()

@@ -3,6 +3,7 @@
 import math
 import platform
 from collections.abc import Collection, Sequence
+from dataclasses import fields
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,10 @@ from jax import Array
 from jaxtyping import Float
 
 from ..arrays import AnyArray
+from ..inference.likelihood import Likelihood
 from ..inference.model import Scene
+from ..inference.parts import Parts
+from ..inference.priors import UNIFORM, Prior
 from ..inference.uncertainty import UNDETERMINED
 from ..solver import Solver
 
@@ -77,9 +81,35 @@ def parameter_rows(fit: "Fit") -> list[dict[str, str]]:
                 "unit": unit_text(estimate.unit),
                 "bounds": f"{parameter.low:g} to {parameter.high:g}",
                 "note": note,
+                "prior": _prior_text(parameter.prior),
+                "parts": _parts_text(estimate.parts),
             }
         )
     return rows
+
+
+def _prior_text(prior: Prior) -> str:
+    """A prior in words, nothing for one that is uniform."""
+    if prior == UNIFORM:
+        return ""
+    numbers = ", ".join(
+        f"{name} {value if isinstance(value, str) else f'{value:.4g}'}" for name, value in zip(prior.arguments, prior.numbers, strict=True)
+    )
+    return f"{prior.kind} ({numbers})" if numbers else prior.kind
+
+
+def _parts_text(parts: Parts | None) -> str:
+    """What a standard error is made of."""
+    if parts is None:
+        return ""
+    named = [("noise", parts.noise), ("model", parts.model), ("priors", parts.prior)]
+    return ", ".join(f"{name} {sd:.2g}" for name, sd in named if sd > 1e-3 * max(parts) or name != "priors")
+
+
+def likelihood_text(likelihood: Likelihood) -> str:
+    """How one dataset scatters: student-t (nu 4)."""
+    settings = ", ".join(f"{field.name} {getattr(likelihood, field.name)}" for field in fields(likelihood))
+    return f"{likelihood.kind} ({settings})" if settings else likelihood.kind
 
 
 def derived_rows(fit: "Fit") -> list[dict[str, str]]:
@@ -137,5 +167,6 @@ def fit_text(fit: "Fit") -> str:
     lines = [f"{fit.outcome.value}: chi-square {chi_square_text(fit.chi2)}, {fit.dof} degrees of freedom"]
     lines.append(f"  solver {solver_text(fit.problem.chosen)}")
     for row in rows:
-        lines.append(f"  {row['name']:<{widths['name']}}  {row['value']:<{widths['value']}}  {row['unit']:<{widths['unit']}}  {row['note']}".rstrip())
+        more = "; ".join(filter(None, (row["note"], row["parts"] and f"of which {row['parts']}", row["prior"] and f"prior {row['prior']}")))
+        lines.append(f"  {row['name']:<{widths['name']}}  {row['value']:<{widths['value']}}  {row['unit']:<{widths['unit']}}  {more}".rstrip())
     return "\n".join([*lines, *(f"  ! {warning}" for warning in fit.warnings)])
