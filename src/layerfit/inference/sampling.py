@@ -1,0 +1,223 @@
+"""Draws from the posterior of a problem, from its fit on."""
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from ..arrays import AnyArray
+from ..errors import InputError, one_of
+from ..files import writable_folder
+from .chain import FILE, Chain, chain_in_file, chain_in_memory
+from .density import Density
+from .ensemble import STATE_SIZE, run_ensemble
+from .fit import Fit
+from .fit import fit as run_fit
+from .judgement import Judgement, SamplingOutcome, judge
+from .parameters import unbounded
+from .posterior import Posterior
+from .problem import Problem
+from .settings import problem_settings
+from .starting_points import share_covariance, starting_points
+
+SAMPLERS = ("emcee", "nuts")
+EFFECTIVE = 1000.0  # independent draws asked for by default
+_STEPS = {"emcee": 5000, "nuts": 2000}
+_CHAINS = 4
+_WALKERS = 32
+_FIRST_LOOK = 100  # steps until a chain is judged first, and at least between two judgements
+_GROWTH = 1.1  # of a chain between two judgements
+
+
+@eqx.filter_jit
+def _log_densities(density: Density, x: Float[AnyArray, "m p"]) -> Float[Array, "m"]:
+    """One after the other: as quick as in a batch, and solvers with small matrices are slow in batches."""
+    return jax.lax.map(density, x)
+
+
+class LogDensities:
+    """Log density of many positions at once, half of them on each of two cores: (m, p) to (m,). Compiled for one m."""
+
+    def __init__(self, density: Density):
+        self.density, self.pool, self.compiled = density, ThreadPoolExecutor(2), False
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        size = -(-len(x) // 2)
+        halves = [x[:size], np.concatenate([x[size:], x[: 2 * size - len(x)]])]  # of equal size
+        if not self.compiled:
+            _log_densities(self.density, halves[0])  # alone, so that it compiles once
+            self.compiled = True
+        found = self.pool.map(lambda half: np.asarray(_log_densities(self.density, half)), halves)
+        return np.concatenate(list(found))[: len(x)]
+
+
+def sample(
+    problem: Problem,
+    fit: Fit | None = None,
+    *,
+    sampler: str = "emcee",
+    walkers: int | None = None,
+    steps: int | None = None,
+    effective: float = EFFECTIVE,
+    seed: int = 0,
+    folder: str | Path | None = None,
+    on_step: Callable[[int, int], None] | None = None,
+) -> Posterior:
+    """Draw from the posterior of a problem's free numbers.
+
+    Walkers begin around the fit, and around other minima that the data can hardly tell from it. They walk until the chain is 50 autocorrelation
+    times long, has as many independent draws as asked for, and its walkers agree; at most so many steps.
+
+    Arguments
+    ---------
+    fit : a fit of this problem (default: it is fitted).
+    sampler : "emcee", an ensemble of walkers that needs no derivatives, or "nuts", a few chains that follow them (an extra, layerfit[nuts]).
+    walkers : an even number, at least twice the free numbers (default 32, more for many numbers); for nuts the number of chains (4).
+    steps : largest number for each walker (default 5000; for nuts 2000 after its warm-up).
+    effective : number of independent draws to aim at; infinite: all steps are done.
+    seed : of random numbers. folder : where the chain is kept in chain.h5, from which a run that ended early goes on, with more steps if asked.
+    on_step : called with (steps done, largest number).
+
+    Returns a Posterior also where it did not converge: look at ``outcome`` and ``warnings``.
+
+    Raises InputError for wrong numbers, for a fit of another problem, and for a folder that holds a chain of something else.
+
+    >>> import layerfit as lf
+    >>> skin = lf.Stack([lf.HalfSpace("skin", sigma_a=0.01, sigma_s_prime=1, n=1.4)])
+    >>> data = lf.Dataset(lf.RadialReflectance(r=[1, 2, 4, 8]), [0.0215, 0.00929, 0.00231, 0.000347], noise=lf.Noise(relative=0.02))
+    >>> problem = lf.Problem(skin, data, free={"skin.sigma_a": (1e-3, 1), "skin.sigma_s_prime": (0.1, 10)}, solver=lf.LayeredDiffusion())
+    >>> posterior = lf.sample(problem, walkers=16)
+    >>> posterior.outcome.value, [f"{draws.mean():.2g}" for draws in posterior.draws.values()]
+    ('converged', ['0.011', '0.97'])
+    """
+    one_of(sampler, SAMPLERS, "sampler")
+    walkers, steps = _counts(sampler, walkers, steps, len(problem.parameters))
+    if isinstance(effective, bool) or not isinstance(effective, int | float) or not effective > 0:
+        raise InputError(f"effective = {effective!r}; allowed is a number above 0")
+    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**32:
+        raise InputError(f"seed = {seed!r}; allowed is a whole number, 0 to 2^32 - 1")
+    if sampler == "nuts":
+        from .nuts import check_installed
+
+        check_installed()
+    began = time.perf_counter()
+    fit = _fit_of(problem, fit)
+    density = Density(fit.problem)
+    chain, settings = None, run_settings(fit.problem, sampler, walkers, seed)
+    way = _Ensemble(fit, density, walkers, seed) if sampler == "emcee" else _Nuts(fit, density, walkers, seed)
+    shape = (steps + way.warm_up, walkers, len(problem.parameters), way.state_size)
+    chain = chain_in_memory(*shape) if folder is None else chain_in_file(writable_folder(folder) / FILE, settings, *shape)
+    try:
+        judgement = _walk(way, chain, steps + way.warm_up, effective, on_step)
+    finally:
+        chain.close()
+    return Posterior.from_chain(fit, chain, judgement, sampler=sampler, seed=seed, settings=settings, seconds=time.perf_counter() - began)
+
+
+def run_settings(problem: Problem, sampler: str, walkers: int, seed: int) -> dict[str, str]:
+    """All that two runs need to have in common to be one."""
+    return problem_settings(problem) | {"sampler": sampler, "walkers": str(walkers), "seed": str(seed)}
+
+
+def default_walkers(sampler: str, p: int) -> int:
+    """Number of walkers for p free numbers."""
+    return _CHAINS if sampler == "nuts" else max(_WALKERS, 4 * p)
+
+
+def _counts(sampler: str, walkers: int | None, steps: int | None, p: int) -> tuple[int, int]:
+    walkers = default_walkers(sampler, p) if walkers is None else walkers
+    steps = _STEPS[sampler] if steps is None else steps
+    least = 2 if sampler == "nuts" else max(2 * p, 4)
+    whole = isinstance(walkers, int) and not isinstance(walkers, bool)
+    if not whole or walkers < least or (sampler == "emcee" and walkers % 2):
+        even = "an even number, " if sampler == "emcee" else ""
+        raise InputError(f"walkers = {walkers!r}; allowed is {even}at least {least} for {p} free number{'s' if p > 1 else ''} with sampler '{sampler}'")
+    if isinstance(steps, bool) or not isinstance(steps, int) or steps < 10:
+        raise InputError(f"steps = {steps!r}; allowed is a whole number, at least 10")
+    return walkers, steps
+
+
+def _fit_of(problem: Problem, fit: Fit | None) -> Fit:
+    """A fit of the problem, with numbers to begin from."""
+    if fit is None:
+        fit = run_fit(problem)
+    else:
+        here, there = problem_settings(problem), problem_settings(fit.problem)
+        other = [name for name in here if not name.startswith("solver used") and here[name] != there.get(name)]
+        if other:
+            raise InputError(f"the fit is of another problem: {other[0]} = {there.get(other[0])} there, {here[other[0]]} here; give its own")
+    if not np.all(np.isfinite(fit.x)) or not math.isfinite(fit.chi2):
+        raise InputError("the fit failed, its residuals are not finite; without a place to begin nothing can be sampled")
+    return fit
+
+
+class _Ensemble:
+    """Walkers of emcee."""
+
+    warm_up = 1  # the step that is the beginning
+    counted_warm_up = 0
+    state_size = STATE_SIZE
+
+    def __init__(self, fit: Fit, density: Density, walkers: int, seed: int):
+        self.fit, self.walkers, self.seed, self.log_densities = fit, walkers, seed, LogDensities(density)
+
+    def run(self, chain: Chain) -> Iterator[None]:
+        half = self.walkers // 2
+        begin = chain.x[0] if chain.count else starting_points(self.fit, self.log_densities, self.walkers, half, self.seed)
+        return run_ensemble(self.log_densities, np.asarray(begin), chain, self.seed)
+
+
+class _Nuts:
+    """Chains of NUTS on the unbounded coordinates."""
+
+    def __init__(self, fit: Fit, density: Density, walkers: int, seed: int):
+        from .nuts import WARM_UP, state_size
+
+        self.fit, self.density, self.walkers, self.seed = fit, density, walkers, seed
+        self.warm_up = self.counted_warm_up = WARM_UP
+        self.state_size = state_size(density.unbounded, walkers, len(fit.x))
+
+    def run(self, chain: Chain) -> Iterator[None]:
+        from .nuts import run_nuts
+
+        parameters, chains = self.fit.problem.parameters, self.walkers
+        shares = np.full((chains, len(parameters)), 0.5)
+        if chain.count == 0:
+            points = starting_points(self.fit, LogDensities(self.density), chains, max(chains, 8), self.seed)
+            shares = np.array([[p.share(float(v)) for p, v in zip(parameters, x, strict=True)] for x in points])
+        center = np.clip([p.share(float(v)) for p, v in zip(parameters, self.fit.x, strict=True)], 0.02, 0.98)
+        slope = 1.0 / (center * (1.0 - center))  # du/dshare
+        mass = share_covariance(self.fit) * np.outer(slope, slope)
+        physical = self.density.model.coordinates.physical
+        return run_nuts(self.density.unbounded, physical, unbounded(shares), mass, chain, self.seed)
+
+
+def _walk(way: Any, chain: Chain, last: int, effective: float, on_step: Callable[[int, int], None] | None) -> Judgement:
+    """Walk until the chain is judged to be enough, or to the last step."""
+
+    def verdict() -> Judgement:
+        return judge(chain, effective=effective, warm_up=way.counted_warm_up)
+
+    def ended(judgement: Judgement) -> bool:
+        return chain.count >= last or judgement.outcome is SamplingOutcome.CONVERGED
+
+    look = way.counted_warm_up + _FIRST_LOOK
+    if chain.count >= min(look, last) and ended(judgement := verdict()):
+        return judgement
+    look = max(look, chain.count + _FIRST_LOOK)
+    for _ in way.run(chain):
+        if on_step:
+            on_step(chain.count, last)
+        if chain.count >= min(look, last):
+            if ended(judgement := verdict()):
+                return judgement
+            look = max(chain.count + _FIRST_LOOK, int(_GROWTH * chain.count))
+    raise AssertionError("a sampler walks on for ever")
