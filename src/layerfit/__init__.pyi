@@ -6,10 +6,10 @@ from .inference.fit import Estimate as Estimate
 from .inference.fit import Fit as Fit
 from .inference.fit import Outcome as Outcome
 from .inference.fit import fit as fit
+from .inference.judgement import SamplingOutcome as SamplingOutcome
 from .inference.parameters import FreeParameter as FreeParameter
 from .inference.posterior import Posterior as Posterior
 from .inference.problem import Problem as Problem
-from .inference.judgement import SamplingOutcome as SamplingOutcome
 from .inference.sampling import sample as sample
 from .measurement.csv_file import read as read
 from .measurement.dataset import Dataset as Dataset

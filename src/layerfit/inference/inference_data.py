@@ -15,6 +15,8 @@ from .replicates import replicates
 if TYPE_CHECKING:
     from .posterior import Posterior
 
+Predicted = tuple[np.ndarray, ...]  # (draws, n) for each dataset
+
 
 def _arviz() -> Any:
     with warnings.catch_warnings():
@@ -42,11 +44,11 @@ def _draws(posterior: "Posterior") -> dict[str, np.ndarray]:
     return {name: posterior.x[:, :, i] for i, name in enumerate(posterior.problem.names)}
 
 
-def inference_data(posterior: "Posterior", predictions: tuple[np.ndarray, ...] | None = None) -> Any:
-    """All groups. predictions : of `Posterior.predictions`, where they are known already."""
+def inference_data(posterior: "Posterior", predictions: Predicted | None = None, repeated: Predicted | None = None) -> Any:
+    """All groups. predictions, repeated : of `Posterior.predictions` and `replicates`, where they are known already."""
     data = posterior.problem.data
     predictions = posterior.predictions() if predictions is None else predictions
-    repeated = replicates(posterior, predictions)
+    repeated = replicates(posterior, predictions) if repeated is None else repeated
     places = {d.name: _place(d.name, d.geometry) for d in data}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # more walkers than draws

@@ -78,7 +78,7 @@ def judge(chain: Chain, *, effective: float, warm_up: int = 0) -> Judgement:
 
 
 def split_r_hat(x: np.ndarray) -> np.ndarray:
-    """Square root of total over inner variance of the halves of all walkers, (steps, walkers, p) to (p,); 1 where they agree, infinite where none moves.
+    """Square root of total over inner variance of the halves of all walkers, (steps, walkers, p) to (p,); infinite where none moves.
 
     A. Gelman et al., Bayesian Data Analysis, 3rd ed. (2013), eq 11.4. The table of a posterior has ArviZ's rank-normalised one.
     """

@@ -50,7 +50,9 @@ class Posterior(eqx.Module):
     seconds: float = eqx.field(static=True)
 
     @staticmethod
-    def from_chain(fit: Fit, chain: Chain, judgement: Judgement, *, sampler: str, seed: int, settings: Mapping[str, str], seconds: float) -> "Posterior":
+    def from_chain(
+        fit: Fit, chain: Chain, judgement: Judgement, *, sampler: str, seed: int, settings: Mapping[str, str], seconds: float
+    ) -> "Posterior":
         """The draws of a chain that a judgement keeps."""
         kept = judgement.kept
         x = np.swapaxes(chain.x[kept], 0, 1)

@@ -25,7 +25,9 @@ def remarks(parameters: Sequence[FreeParameter], x: np.ndarray, judgement: Judge
             found.append(f"{parameter.name} fills its bounds: they decide its posterior, not the data")
         elif at_low or at_high:
             side, bound = ("lower", parameter.low) if at_low else ("upper", parameter.high)
-            found.append(f"{parameter.name} is piled up at its {side} bound ({bound:g} {parameter.unit}): its posterior says where it ends on one side only")
+            found.append(
+                f"{parameter.name} is piled up at its {side} bound ({bound:g} {parameter.unit}): its posterior says where it ends on one side only"
+            )
         count = modes(draws)
         if count > 1:
             found.append(f"{parameter.name} has {count} separate likely ranges: look at its distribution, mean and sd do not describe it")

@@ -3,19 +3,14 @@
 import math
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
-import jax
 import numpy as np
-from jax import Array
-from jaxtyping import Float
 
-from ..arrays import AnyArray
 from ..errors import InputError, one_of
 from ..files import writable_folder
+from .batch import LogDensities
 from .chain import FILE, Chain, chain_in_file, chain_in_memory
 from .density import Density
 from .ensemble import STATE_SIZE, run_ensemble
@@ -30,33 +25,11 @@ from .starting_points import share_covariance, starting_points
 
 SAMPLERS = ("emcee", "nuts")
 EFFECTIVE = 1000.0  # independent draws asked for by default
-_STEPS = {"emcee": 5000, "nuts": 2000}
+_STEPS = {"emcee": 20_000, "nuts": 2000}
 _CHAINS = 4
 _WALKERS = 32
 _FIRST_LOOK = 100  # steps until a chain is judged first, and at least between two judgements
 _GROWTH = 1.1  # of a chain between two judgements
-
-
-@eqx.filter_jit
-def _log_densities(density: Density, x: Float[AnyArray, "m p"]) -> Float[Array, "m"]:
-    """One after the other: as quick as in a batch, and solvers with small matrices are slow in batches."""
-    return jax.lax.map(density, x)
-
-
-class LogDensities:
-    """Log density of many positions at once, half of them on each of two cores: (m, p) to (m,). Compiled for one m."""
-
-    def __init__(self, density: Density):
-        self.density, self.pool, self.compiled = density, ThreadPoolExecutor(2), False
-
-    def __call__(self, x: np.ndarray) -> np.ndarray:
-        size = -(-len(x) // 2)
-        halves = [x[:size], np.concatenate([x[size:], x[: 2 * size - len(x)]])]  # of equal size
-        if not self.compiled:
-            _log_densities(self.density, halves[0])  # alone, so that it compiles once
-            self.compiled = True
-        found = self.pool.map(lambda half: np.asarray(_log_densities(self.density, half)), halves)
-        return np.concatenate(list(found))[: len(x)]
 
 
 def sample(
@@ -81,7 +54,7 @@ def sample(
     fit : a fit of this problem (default: it is fitted).
     sampler : "emcee", an ensemble of walkers that needs no derivatives, or "nuts", a few chains that follow them (an extra, layerfit[nuts]).
     walkers : an even number, at least twice the free numbers (default 32, more for many numbers); for nuts the number of chains (4).
-    steps : largest number for each walker (default 5000; for nuts 2000 after its warm-up).
+    steps : largest number for each walker (default 20,000; for nuts 2000 after its warm-up).
     effective : number of independent draws to aim at; infinite: all steps are done.
     seed : of random numbers. folder : where the chain is kept in chain.h5, from which a run that ended early goes on, with more steps if asked.
     on_step : called with (steps done, largest number).
@@ -139,7 +112,9 @@ def _counts(sampler: str, walkers: int | None, steps: int | None, p: int) -> tup
     whole = isinstance(walkers, int) and not isinstance(walkers, bool)
     if not whole or walkers < least or (sampler == "emcee" and walkers % 2):
         even = "an even number, " if sampler == "emcee" else ""
-        raise InputError(f"walkers = {walkers!r}; allowed is {even}at least {least} for {p} free number{'s' if p > 1 else ''} with sampler '{sampler}'")
+        raise InputError(
+            f"walkers = {walkers!r}; allowed is {even}at least {least} for {p} free number{'s' if p > 1 else ''} with sampler '{sampler}'"
+        )
     if isinstance(steps, bool) or not isinstance(steps, int) or steps < 10:
         raise InputError(f"steps = {steps!r}; allowed is a whole number, at least 10")
     return walkers, steps
