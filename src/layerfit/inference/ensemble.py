@@ -6,6 +6,7 @@ walkers: C. J. F. ter Braak, Stat. Comput. 16, 239 (2006), and B. Nelson et al.,
 
 import warnings
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -16,12 +17,12 @@ LogDensities = Callable[[np.ndarray], np.ndarray]  # (m, p) to (m,)
 STATE_SIZE = 624 * 4 + 8 + 8 + 8  # of the generator of random numbers: its words, its position, whether a normal number is kept, and that one
 
 
-def _to_bytes(state: tuple) -> bytes:
+def _to_bytes(state: Any) -> bytes:
     _, words, position, kept, normal = state
     return words.astype(np.uint32).tobytes() + np.array([position, kept], np.int64).tobytes() + np.array([normal]).tobytes()
 
 
-def _from_bytes(state: bytes) -> tuple:
+def _from_bytes(state: bytes) -> Any:
     words, numbers, normal = state[: 624 * 4], np.frombuffer(state[624 * 4 : -8], np.int64), np.frombuffer(state[-8:])
     return "MT19937", np.frombuffer(words, np.uint32), int(numbers[0]), int(numbers[1]), float(normal[0])
 
@@ -40,10 +41,11 @@ def run_ensemble(log_densities: LogDensities, begin: np.ndarray, chain: Chain, s
     still = np.zeros((1, walkers), bool)
     if chain.count == 0:
         start = np.concatenate([log_densities(half) for half in np.split(begin, 2)])
-        chain.append(begin[None], start[None], still, _to_bytes(np.random.RandomState(seed).get_state(legacy=True)))  # noqa: NPY002: what emcee uses
+        chain.append(begin[None], start[None], still, _to_bytes(np.random.RandomState(seed).get_state(legacy=True)))  # noqa: NPY002
     state = emcee.State(chain.x[-1], chain.log_density[-1], random_state=_from_bytes(chain.state), copy=True)
-    for step in sampler.sample(state, iterations=None, store=False, skip_initial_state_check=True):
-        chain.append(step.coords[None], step.log_prob[None], still, _to_bytes(step.random_state))
+    endless: Any = None
+    for step in sampler.sample(state, iterations=endless, store=False, skip_initial_state_check=True):
+        chain.append(step.coords[None], np.asarray(step.log_prob)[None], still, _to_bytes(step.random_state))
         yield
 
 

@@ -33,7 +33,8 @@ class Posterior(eqx.Module):
     x : kept draws in physical units (walkers, draws, p), numbers in the order of problem.names. log_density : at them (walkers, draws).
     divergent : whether the way there diverged (walkers, draws).
     judgement : autocorrelation times, effective size and agreement of walkers, from all steps.
-    steps : done by each walker. outcome, warnings : how it ended, and what to keep in mind. seconds : wall time of this run.
+    steps : done by each walker, its beginning included; largest_steps : asked for.
+    outcome, warnings : how it ended, and what to keep in mind. seconds : wall time of this run.
     settings : all that decided the draws, as text.
     """
 
@@ -43,6 +44,7 @@ class Posterior(eqx.Module):
     divergent: np.ndarray
     judgement: Judgement
     steps: int = eqx.field(static=True)
+    largest_steps: int = eqx.field(static=True)
     sampler: str = eqx.field(static=True)
     seed: int = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True)
@@ -50,10 +52,8 @@ class Posterior(eqx.Module):
     seconds: float = eqx.field(static=True)
 
     @staticmethod
-    def from_chain(
-        fit: Fit, chain: Chain, judgement: Judgement, *, sampler: str, seed: int, settings: Mapping[str, str], seconds: float
-    ) -> "Posterior":
-        """The draws of a chain that a judgement keeps."""
+    def from_chain(fit: Fit, chain: Chain, judgement: Judgement, **more: Any) -> "Posterior":
+        """The draws of a chain that a judgement keeps. more : fields that describe the run."""
         kept = judgement.kept
         x = np.swapaxes(chain.x[kept], 0, 1)
         return Posterior(
@@ -63,11 +63,8 @@ class Posterior(eqx.Module):
             divergent=chain.divergent[kept].T,
             judgement=judgement,
             steps=chain.count,
-            sampler=sampler,
-            seed=seed,
             warnings=tuple(remarks(fit.problem.parameters, x.reshape(-1, x.shape[2]), judgement, chain.count)),
-            settings=dict(settings),
-            seconds=seconds,
+            **more,
         )
 
     @property

@@ -20,7 +20,7 @@ from .judgement import Judgement, SamplingOutcome, judge
 from .parameters import unbounded
 from .posterior import Posterior
 from .problem import Problem
-from .settings import problem_settings
+from .settings import problem_settings, solver_settings
 from .starting_points import share_covariance, starting_points
 
 SAMPLERS = ("emcee", "nuts")
@@ -28,6 +28,7 @@ EFFECTIVE = 1000.0  # independent draws asked for by default
 _STEPS = {"emcee": 20_000, "nuts": 2000}
 _CHAINS = 4
 _WALKERS = 32
+_LEAST_STEPS = 10
 _FIRST_LOOK = 100  # steps until a chain is judged first, and at least between two judgements
 _GROWTH = 1.1  # of a chain between two judgements
 
@@ -71,20 +72,13 @@ def sample(
     >>> posterior.outcome.value, [f"{draws.mean():.2g}" for draws in posterior.draws.values()]
     ('converged', ['0.011', '0.97'])
     """
-    one_of(sampler, SAMPLERS, "sampler")
-    walkers, steps = _counts(sampler, walkers, steps, len(problem.parameters))
+    walkers, steps = check_request(problem, sampler, walkers, steps, seed)
     if isinstance(effective, bool) or not isinstance(effective, int | float) or not effective > 0:
         raise InputError(f"effective = {effective!r}; allowed is a number above 0")
-    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**32:
-        raise InputError(f"seed = {seed!r}; allowed is a whole number, 0 to 2^32 - 1")
-    if sampler == "nuts":
-        from .nuts import check_installed
-
-        check_installed()
     began = time.perf_counter()
     fit = _fit_of(problem, fit)
     density = Density(fit.problem)
-    chain, settings = None, run_settings(fit.problem, sampler, walkers, seed)
+    settings = run_settings(problem, sampler, walkers, seed) | solver_settings(fit.problem)
     way = _Ensemble(fit, density, walkers, seed) if sampler == "emcee" else _Nuts(fit, density, walkers, seed)
     shape = (steps + way.warm_up, walkers, len(problem.parameters), way.state_size)
     chain = chain_in_memory(*shape) if folder is None else chain_in_file(writable_folder(folder) / FILE, settings, *shape)
@@ -92,7 +86,8 @@ def sample(
         judgement = _walk(way, chain, steps + way.warm_up, effective, on_step)
     finally:
         chain.close()
-    return Posterior.from_chain(fit, chain, judgement, sampler=sampler, seed=seed, settings=settings, seconds=time.perf_counter() - began)
+    seconds = time.perf_counter() - began
+    return Posterior.from_chain(fit, chain, judgement, sampler=sampler, seed=seed, largest_steps=steps, settings=settings, seconds=seconds)
 
 
 def run_settings(problem: Problem, sampler: str, walkers: int, seed: int) -> dict[str, str]:
@@ -100,23 +95,25 @@ def run_settings(problem: Problem, sampler: str, walkers: int, seed: int) -> dic
     return problem_settings(problem) | {"sampler": sampler, "walkers": str(walkers), "seed": str(seed)}
 
 
-def default_walkers(sampler: str, p: int) -> int:
-    """Number of walkers for p free numbers."""
-    return _CHAINS if sampler == "nuts" else max(_WALKERS, 4 * p)
+def check_request(problem: Problem, sampler: str, walkers: int | None, steps: int | None, seed: int) -> tuple[int, int]:
+    """Numbers of walkers and steps, those that were not given filled in. Raises InputError for what is not allowed."""
+    one_of(sampler, SAMPLERS, "sampler")
+    p = len(problem.parameters)
+    if sampler == "nuts":
+        from .nuts import check_installed
 
-
-def _counts(sampler: str, walkers: int | None, steps: int | None, p: int) -> tuple[int, int]:
-    walkers = default_walkers(sampler, p) if walkers is None else walkers
+        check_installed()
+    if walkers is None:
+        walkers = _CHAINS if sampler == "nuts" else max(_WALKERS, 4 * p)
     steps = _STEPS[sampler] if steps is None else steps
     least = 2 if sampler == "nuts" else max(2 * p, 4)
-    whole = isinstance(walkers, int) and not isinstance(walkers, bool)
-    if not whole or walkers < least or (sampler == "emcee" and walkers % 2):
+    if isinstance(walkers, bool) or not isinstance(walkers, int) or walkers < least or (sampler == "emcee" and walkers % 2):
         even = "an even number, " if sampler == "emcee" else ""
-        raise InputError(
-            f"walkers = {walkers!r}; allowed is {even}at least {least} for {p} free number{'s' if p > 1 else ''} with sampler '{sampler}'"
-        )
-    if isinstance(steps, bool) or not isinstance(steps, int) or steps < 10:
-        raise InputError(f"steps = {steps!r}; allowed is a whole number, at least 10")
+        raise InputError(f"walkers = {walkers!r}; allowed is {even}at least {least} (sampler '{sampler}', free numbers: {p})")
+    if isinstance(steps, bool) or not isinstance(steps, int) or steps < _LEAST_STEPS:
+        raise InputError(f"steps = {steps!r}; allowed is a whole number, at least {_LEAST_STEPS}")
+    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**32:
+        raise InputError(f"seed = {seed!r}; allowed is a whole number, 0 to 2^32 - 1")
     return walkers, steps
 
 
@@ -126,7 +123,7 @@ def _fit_of(problem: Problem, fit: Fit | None) -> Fit:
         fit = run_fit(problem)
     else:
         here, there = problem_settings(problem), problem_settings(fit.problem)
-        other = [name for name in here if not name.startswith("solver used") and here[name] != there.get(name)]
+        other = [name for name in here if here[name] != there.get(name)]
         if other:
             raise InputError(f"the fit is of another problem: {other[0]} = {there.get(other[0])} there, {here[other[0]]} here; give its own")
     if not np.all(np.isfinite(fit.x)) or not math.isfinite(fit.chi2):

@@ -28,6 +28,12 @@ def problem_settings(problem: Problem) -> dict[str, str]:
     for field in dataclasses.fields(problem):
         if field.name not in _LEFT_OUT:
             _describe(getattr(problem, field.name), field.name, found)
+    return found
+
+
+def solver_settings(problem: Problem) -> dict[str, str]:
+    """The solver that runs, which for one that chooses depends on the fit."""
+    found: dict[str, str] = {}
     _describe(problem.chosen, "solver used", found)
     return found
 

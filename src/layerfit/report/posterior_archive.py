@@ -1,6 +1,7 @@
 """Files that keep a posterior."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,3 +37,18 @@ def save_posterior(posterior: "Posterior", folder: Any, *, title: str = "layerfi
     }
     paths = {"posterior.nc": write_inference_data(inference_data(posterior, predictions, repeated), folder / "posterior.nc")}
     return paths | {name: write(folder / name, content) for name, content in files.items()}
+
+
+def finished(folder: Path, settings: Mapping[str, str], steps: int) -> tuple[str, str] | None:
+    """Outcome and text of a run that was kept in a folder with these settings and that has nothing left to do; None where there is none."""
+    from ..inference.judgement import SamplingOutcome
+
+    try:
+        found = json.loads((folder / "posterior.json").read_text())
+        text = (folder / "posterior.txt").read_text().rstrip()
+        enough = found["outcome"] == SamplingOutcome.CONVERGED.value or found["largest_number_of_steps"] >= steps
+        whole = (folder / "posterior.nc").is_file() and (folder / "report.html").is_file()
+        same = all(found["settings"].get(name) == value for name, value in settings.items())
+        return (found["outcome"], text) if enough and whole and same else None
+    except (OSError, ValueError, KeyError):
+        return None

@@ -60,6 +60,7 @@ def posterior_dict(posterior: "Posterior", table: dict[str, dict[str, float]]) -
         "warnings": list(posterior.warnings),
         "sampler": posterior.sampler,
         "steps": posterior.steps,
+        "largest_number_of_steps": posterior.largest_steps,
         "draws": int(posterior.x.shape[0] * posterior.x.shape[1]),
         "burn_in": judgement.burn_in,
         "thinning": judgement.thinning,
