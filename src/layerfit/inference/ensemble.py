@@ -41,7 +41,7 @@ def run_ensemble(log_densities: LogDensities, begin: np.ndarray, chain: Chain, s
     still = np.zeros((1, walkers), bool)
     if chain.count == 0:
         start = np.concatenate([log_densities(half) for half in np.split(begin, 2)])
-        chain.append(begin[None], start[None], still, _to_bytes(np.random.RandomState(seed).get_state(legacy=True)))  # noqa: NPY002
+        chain.append(begin[None], start[None], still, _to_bytes(np.random.RandomState(seed).get_state(legacy=True)))
     state = emcee.State(chain.x[-1], chain.log_density[-1], random_state=_from_bytes(chain.state), copy=True)
     endless: Any = None
     for step in sampler.sample(state, iterations=endless, store=False, skip_initial_state_check=True):

@@ -12,7 +12,7 @@ LENGTHS = 50.0  # length of a chain in autocorrelation times from which their es
 _BURN_IN = 5.0  # autocorrelation times that are left out at the beginning
 _AGREE = 1.01
 _DRAWS = 1000  # kept at least where there are as many
-_DIVERGENT = 0.005  # share of divergent steps above which draws are not believed
+_DIVERGENT = 0.01  # share of divergent steps above which draws are not believed
 
 
 class SamplingOutcome(StrEnum):

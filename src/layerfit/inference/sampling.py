@@ -83,7 +83,7 @@ def sample(
     shape = (steps + way.warm_up, walkers, len(problem.parameters), way.state_size)
     chain = chain_in_memory(*shape) if folder is None else chain_in_file(writable_folder(folder) / FILE, settings, *shape)
     try:
-        judgement = _walk(way, chain, steps + way.warm_up, effective, on_step)
+        judgement = walk(way, chain, steps + way.warm_up, effective, on_step)
     finally:
         chain.close()
     seconds = time.perf_counter() - began
@@ -172,7 +172,7 @@ class _Nuts:
         return run_nuts(self.density.unbounded, physical, unbounded(shares), mass, chain, self.seed)
 
 
-def _walk(way: Any, chain: Chain, last: int, effective: float, on_step: Callable[[int, int], None] | None) -> Judgement:
+def walk(way: Any, chain: Chain, last: int, effective: float, on_step: Callable[[int, int], None] | None) -> Judgement:
     """Walk until the chain is judged to be enough, or to the last step."""
 
     def verdict() -> Judgement:
