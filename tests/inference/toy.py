@@ -57,6 +57,6 @@ def with_nuts(density, begin, *, steps=8000, effective=3000.0, seed=0):
     from layerfit.inference.nuts import WARM_UP, run_nuts, state_size
 
     chain = chain_in_memory(steps, len(begin), 2, state_size(density, len(begin), 2))
-    way = SimpleNamespace(run=lambda chain: run_nuts(density, lambda u: u, begin, np.eye(2), chain, seed), counted_warm_up=WARM_UP)
+    way = SimpleNamespace(run=lambda chain: run_nuts(density, lambda u: u, begin, chain, seed), counted_warm_up=WARM_UP)
     judgement = walk(way, chain, steps, effective, None)
     return chain.x[judgement.kept].reshape(-1, 2), judgement

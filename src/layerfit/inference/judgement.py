@@ -45,7 +45,7 @@ class Judgement(eqx.Module):
         return slice(self.burn_in, None, self.thinning)
 
 
-def judge(chain: Chain, *, effective: float, warm_up: int = 0) -> Judgement:
+def judge(chain: Chain, *, effective: int | float, warm_up: int = 0) -> Judgement:
     """Judge a chain. effective : number of independent draws asked for. warm_up : steps that are left out in any case.
 
     Converged: after the burn-in of 5 autocorrelation times it is 50 of them long, it has as many independent draws as asked for, and halves of

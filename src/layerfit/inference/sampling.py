@@ -2,12 +2,16 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
+from ..arrays import AnyArray
 from ..errors import InputError, one_of
 from ..files import writable_folder
 from .batch import LogDensities
@@ -17,7 +21,7 @@ from .ensemble import STATE_SIZE, run_ensemble
 from .fit import Fit
 from .fit import fit as run_fit
 from .judgement import Judgement, SamplingOutcome, judge
-from .parameters import unbounded
+from .parameters import FreeParameter, unbounded
 from .posterior import Posterior
 from .problem import Problem
 from .settings import problem_settings, solver_settings
@@ -40,7 +44,7 @@ def sample(
     sampler: str = "emcee",
     walkers: int | None = None,
     steps: int | None = None,
-    effective: float = EFFECTIVE,
+    effective: int | float = EFFECTIVE,
     seed: int = 0,
     folder: str | Path | None = None,
     on_step: Callable[[int, int], None] | None = None,
@@ -147,32 +151,55 @@ class _Ensemble:
         return run_ensemble(self.log_densities, np.asarray(begin), chain, self.seed)
 
 
+class _Sphere(eqx.Module):
+    """The density in coordinates w in which the fit's Gaussian is a unit sphere: u = center + root w."""
+
+    density: Density
+    center: Float[AnyArray, "p"]
+    root: Float[AnyArray, "p p"]
+
+    def __init__(self, density: Density, fit: Fit):
+        share = np.clip([p.share(float(v)) for p, v in zip(fit.problem.parameters, fit.x, strict=True)], 0.02, 0.98)
+        slope = 1.0 / (share * (1.0 - share))  # du/dshare
+        self.density, self.center = density, unbounded(share)
+        covariance = share_covariance(fit) * np.outer(slope, slope)
+        scale = np.sqrt(np.diag(covariance))
+        self.root = scale[:, None] * np.linalg.cholesky(covariance / np.outer(scale, scale) + 1e-9 * np.eye(len(scale)))
+
+    def log_density(self, w: Float[AnyArray, "p"]) -> Float[AnyArray, ""]:
+        return self.density.unbounded(self.center + self.root @ w)
+
+    def physical(self, w: Float[AnyArray, "*s p"]) -> Float[AnyArray, "*s p"]:
+        return self.density.model.coordinates.physical(self.center + jnp.asarray(w) @ self.root.T)
+
+    def coordinates(self, parameters: Sequence[FreeParameter], x: np.ndarray) -> np.ndarray:
+        """w at numbers x (m, p)."""
+        shares = np.array([[p.share(float(v)) for p, v in zip(parameters, row, strict=True)] for row in x])
+        return np.linalg.solve(self.root, (unbounded(shares) - self.center).T).T
+
+
 class _Nuts:
-    """Chains of NUTS on the unbounded coordinates."""
+    """Chains of NUTS on coordinates without bounds."""
 
     def __init__(self, fit: Fit, density: Density, walkers: int, seed: int):
         from .nuts import WARM_UP, state_size
 
         self.fit, self.density, self.walkers, self.seed = fit, density, walkers, seed
+        self.sphere = _Sphere(density, fit)
         self.warm_up = self.counted_warm_up = WARM_UP
-        self.state_size = state_size(density.unbounded, walkers, len(fit.x))
+        self.state_size = state_size(self.sphere.log_density, walkers, len(fit.x))
 
     def run(self, chain: Chain) -> Iterator[None]:
         from .nuts import run_nuts
 
-        parameters, chains = self.fit.problem.parameters, self.walkers
-        shares = np.full((chains, len(parameters)), 0.5)
+        begin = np.zeros((self.walkers, len(self.fit.x)))
         if chain.count == 0:
-            points = starting_points(self.fit, LogDensities(self.density), chains, max(chains, 8), self.seed)
-            shares = np.array([[p.share(float(v)) for p, v in zip(parameters, x, strict=True)] for x in points])
-        center = np.clip([p.share(float(v)) for p, v in zip(parameters, self.fit.x, strict=True)], 0.02, 0.98)
-        slope = 1.0 / (center * (1.0 - center))  # du/dshare
-        mass = share_covariance(self.fit) * np.outer(slope, slope)
-        physical = self.density.model.coordinates.physical
-        return run_nuts(self.density.unbounded, physical, unbounded(shares), mass, chain, self.seed)
+            points = starting_points(self.fit, LogDensities(self.density), self.walkers, max(self.walkers, 8), self.seed)
+            begin = self.sphere.coordinates(self.fit.problem.parameters, points)
+        return run_nuts(self.sphere.log_density, self.sphere.physical, begin, chain, self.seed)
 
 
-def walk(way: Any, chain: Chain, last: int, effective: float, on_step: Callable[[int, int], None] | None) -> Judgement:
+def walk(way: Any, chain: Chain, last: int, effective: int | float, on_step: Callable[[int, int], None] | None) -> Judgement:
     """Walk until the chain is judged to be enough, or to the last step."""
 
     def verdict() -> Judgement:
