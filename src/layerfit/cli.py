@@ -164,19 +164,24 @@ def sample(scene: Path, out: Path, solver: str | None, sampler: str, walkers: in
 
     description = read_scene(scene)
     problem = description.problem(solver)
+    from .inference.chain import FILE, check_settings
     from .inference.fit import fit as run_fit
     from .inference.judgement import SamplingOutcome
     from .inference.sampling import check_request, run_settings
     from .inference.sampling import sample as run
 
     walkers, steps = check_request(problem, sampler, walkers, steps, seed)
-    writable_folder(out)
+    settings = run_settings(problem, sampler, walkers, seed)
+    check_settings(writable_folder(out) / FILE, settings)
     from .report.posterior_archive import finished, save_posterior
 
-    said = finished(out, run_settings(problem, sampler, walkers, seed), steps)
+    said = finished(out, settings, steps)
     if said is None:
+        from .report.archive import save_fit
+
         with _progress("fitting") as advance:
             fit = run_fit(problem, starts=description.starts, seed=description.seed, on_start=advance)
+        save_fit(fit, out, title=f"layerfit: {scene.name}")
         with _progress("sampling", "step") as advance:
             posterior = run(problem, fit, sampler=sampler, walkers=walkers, steps=steps, seed=seed, folder=out, on_step=advance)
         save_posterior(posterior, out, title=f"layerfit: {scene.name}")

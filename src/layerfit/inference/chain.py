@@ -126,6 +126,13 @@ def read_settings(path: Path) -> dict[str, str]:
         raise InputError(f"{path}: not a chain of layerfit ({error}); give another folder") from None
 
 
+def check_settings(path: Path, wanted: Mapping[str, str]) -> None:
+    """Raise InputError where there is a file already, and one of these settings is another one in it."""
+    if path.exists():
+        found = read_settings(path)
+        _check(path, {name: found[name] for name in wanted if name in found}, wanted)
+
+
 def _places(steps: int, walkers: int, p: int, state_size: int) -> dict[str, tuple[tuple[int, ...], Any]]:
     """Shape and type of each array."""
     return {
