@@ -5,7 +5,7 @@ import pytest
 from inference.toy import banana, grid_marginals, kolmogorov, two_hills, with_emcee, with_nuts
 
 from layerfit.inference.judgement import SamplingOutcome, split_r_hat
-from layerfit.inference.remarks import modes
+from layerfit.inference.posterior_remarks import modes
 
 RNG = np.random.default_rng(4)
 NEAR, FAR = two_hills(4.0), two_hills(10.0)

@@ -16,7 +16,7 @@ from .fit import Fit
 from .judgement import Judgement, SamplingOutcome
 from .model import Model
 from .problem import Problem
-from .remarks import remarks
+from .posterior_remarks import remarks
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from ..arrays import AnyArray
 from ..errors import InputError, one_of
 from ..files import writable_folder
-from .batch import LogDensities
+from .log_densities import LogDensities
 from .chain import FILE, Chain, chain_in_file, chain_in_memory
 from .density import Density
 from .ensemble import STATE_SIZE, run_ensemble
