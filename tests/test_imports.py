@@ -133,7 +133,7 @@ def test_home_of_a_library(library):
     assert all(within(user, *HOMES[library]) for user in users), f"{library} is imported by {users}"
 
 
-@pytest.mark.parametrize("library", ["emcee", "jaxopt", "colour", "arviz"])
+@pytest.mark.parametrize("library", ["emcee", "jaxopt", "colour", "arviz", "numpyro", "h5py"])
 def test_one_module_at_most(library):
     users = sorted(name for name, found in RUNNING.items() if any(within(i, library) for i in found))
     assert len(users) <= 1, f"{library} is imported by {users}"

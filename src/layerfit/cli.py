@@ -144,10 +144,58 @@ def fit(scene: Path, out: Path, solver: str | None, starts: int | None) -> None:
         sys.exit(1)
 
 
+@main.command()
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), required=True, metavar="DIR", help="Folder for chain, posterior.nc, report.html.")
+@click.option("--solver", metavar="NAME", help="Solver, instead of the one in the file.")
+@click.option("--sampler", default="emcee", show_default=True, metavar="NAME", help="emcee or nuts.")
+@click.option("--walkers", type=int, metavar="N", help="Walkers [default: 32; nuts: 4 chains].")
+@click.option("--steps", type=int, metavar="N", help="Largest number of steps [default: 20,000; nuts: 2,000].")
+@click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="Seed of random numbers.")
+def sample(scene: Path, out: Path, solver: str | None, sampler: str, walkers: int | None, steps: int | None, seed: int) -> None:
+    """Draw from the posterior of SCENE's free numbers.
+
+    Fits first. A run that was interrupted goes on where it ended when the same
+    command is given again; a finished one ends at once.
+    """
+    _keep_compilations()
+    from .files import writable_folder
+    from .scene_file import read_scene
+
+    description = read_scene(scene)
+    problem = description.problem(solver)
+    from .inference.chain import FILE, check_settings
+    from .inference.fit import fit as run_fit
+    from .inference.judgement import SamplingOutcome
+    from .inference.sampling import check_request, run_settings
+    from .inference.sampling import sample as run
+
+    walkers, steps = check_request(problem, sampler, walkers, steps, seed)
+    settings = run_settings(problem, sampler, walkers, seed)
+    check_settings(writable_folder(out) / FILE, settings)
+    from .report.posterior_archive import finished, save_posterior
+
+    said = finished(out, settings, steps)
+    if said is None:
+        from .report.archive import save_fit
+
+        with _progress("fitting") as advance:
+            fit = run_fit(problem, starts=description.starts, seed=description.seed, on_start=advance)
+        save_fit(fit, out, title=f"layerfit: {scene.name}")
+        with _progress("sampling", "step") as advance:
+            posterior = run(problem, fit, sampler=sampler, walkers=walkers, steps=steps, seed=seed, folder=out, on_step=advance)
+        save_posterior(posterior, out, title=f"layerfit: {scene.name}")
+        said = posterior.outcome.value, posterior.summary()
+    click.echo(said[1])
+    click.echo(f"report: {out / 'report.html'}")
+    if said[0] != SamplingOutcome.CONVERGED.value:
+        sys.exit(1)
+
+
 class _progress:
     """A progress bar on a terminal, nothing elsewhere."""
 
-    def __init__(self, what: str):
+    def __init__(self, what: str, unit: str = "start"):
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -155,10 +203,11 @@ class _progress:
         console = Console(stderr=True)
         self.bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
         self.task = self.bar.add_task(what, total=None, note="compiling")
+        self.unit = unit
 
     def __enter__(self) -> Callable[[int, int], None]:
         self.bar.start()
-        return lambda done, total: self.bar.update(self.task, completed=done, total=total, note=f"start {done} of at most {total}")
+        return lambda done, total: self.bar.update(self.task, completed=done, total=total, note=f"{self.unit} {done} of at most {total}")
 
     def __exit__(self, *_: object) -> None:
         self.bar.stop()

@@ -10,10 +10,12 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from ..scene.drawing import stack_svg
+from .posterior_table import posterior_rows, sampling_text
 from .tables import chi_square_text, derived_rows, likelihood_text, parameter_rows, solver_text, start_rows, versions
 
 if TYPE_CHECKING:
     from ..inference.fit import Fit
+    from ..inference.posterior import Posterior
 
 
 def _environment() -> jinja2.Environment:
@@ -48,9 +50,25 @@ def _content(fit: "Fit") -> dict[str, Any]:
 
 def fit_report(fit: "Fit", curve: str, *, title: str = "layerfit") -> str:
     """The whole report as one HTML page that opens offline; curve is the figure of data and fit, from `svg`."""
+    return _report(fit, curve, title, posterior=None)
+
+
+def posterior_report(
+    posterior: "Posterior", table: dict[str, dict[str, float]], curve: str, figures: dict[str, str], *, title: str = "layerfit"
+) -> str:
+    """The report of a fit with a section on the posterior. table : of `Posterior.table`. figures : as SVG text by file name."""
+    drawn = {name.removesuffix(".svg"): Markup(figure) for name, figure in figures.items()}
+    return _report(posterior.fit, curve, title, **_posterior_content(posterior, table), figures=drawn)
+
+
+def _posterior_content(posterior: "Posterior", table: dict[str, dict[str, float]]) -> dict[str, Any]:
+    return {"posterior": posterior, "posterior_rows": posterior_rows(posterior, table), "sampling": sampling_text(posterior)}
+
+
+def _report(fit: "Fit", curve: str, title: str, **more: Any) -> str:
     now = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     figure = Markup(curve)  # matplotlib escapes its own text
-    return _environment().get_template("report.html").render(title=title, now=now, curve=figure, correlation=_shaded(fit), **_content(fit))
+    return _environment().get_template("report.html").render(title=title, now=now, curve=figure, correlation=_shaded(fit), **_content(fit), **more)
 
 
 def _shaded(fit: "Fit") -> list[list[tuple[str, str]]]:
@@ -65,3 +83,8 @@ def _shaded(fit: "Fit") -> list[list[tuple[str, str]]]:
 def fit_fragment(fit: "Fit") -> str:
     """The tables of a fit and its stack, for a notebook."""
     return _environment().get_template("fragment.html").render(**_content(fit))
+
+
+def posterior_fragment(posterior: "Posterior") -> str:
+    """The table of a posterior, for a notebook."""
+    return _environment().get_template("posterior_fragment.html").render(**_posterior_content(posterior, posterior.table()))
