@@ -1,20 +1,21 @@
 """R(r) and T(r) by discrete ordinates against Monte Carlo (MCML) profiles, ring by ring; writes docs/transport-profiles.md.
 
     python benchmarks/transport_profiles.py                # all cases, half an hour
-    python benchmarks/transport_profiles.py skin slab      # those whose name holds a word
+    python benchmarks/transport_profiles.py skin slab      # those whose name holds a word; the others stay as stored
 
 Each ring is allowed the larger of 0.5 % and 3 standard errors of the Monte Carlo beyond half a transport mean free path of the first layer, of 2 %
 and 3 standard errors from a tenth to a half. "covered": rings whose deviation is below the error that the solver states and 2 standard errors of
 the Monte Carlo together. Rings whose standard error is above 10 % are left out.
 """
 
+import json
 import sys
 import time
 from pathlib import Path
 
 import jax
 import numpy as np
-from record import record
+from record import FOLDER, record
 
 import layerfit as lf
 
@@ -76,8 +77,9 @@ def main():
             cells, out, total, covered, stated, true = judged(rows[f"{name} {side}"])
             print(f"{name} {side}", *cells, f"out {out}/{total} covered {covered:.2f} stated {stated:.1e} true {true:.1e}", sep=" | ", flush=True)
         jax.clear_caches()
-    if words:
-        return
+    stored = FOLDER / "transport_profiles.json"
+    if words and stored.exists():
+        rows = json.loads(stored.read_text()) | rows
     lines = ["# Discrete ordinates against Monte Carlo profiles", "", *__doc__.strip().split("\n\n")[2].splitlines(), ""]
     lines += ["Median deviation [%] by r in transport mean free paths of the first layer. Made by `python benchmarks/transport_profiles.py`.", ""]
     lines += [

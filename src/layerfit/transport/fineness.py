@@ -30,7 +30,8 @@ def fineness(
     thin, slab = bool(np.any(depth < _THIN)), not low.half_space and float(np.sum(depth)) < _SLAB
     dense, clear = scales(middle(domain))
     wide = dense > _WIDE * clear
-    enough = 40 if thin and wide else 32 if thin else 24 if float(np.max(np.asarray(high.g))) > 0.85 else 16
+    guiding = thin and dense > _WIDE * float(np.min(np.asarray(low.sigma_t_prime)))  # light runs far in a thin clear layer over a dense one
+    enough = 40 if guiding else 32 if thin else 24 if float(np.max(np.asarray(high.g))) > 0.85 else 16
     layout = _resolved(domain, lay_out(domain, streams or enough, 1, tables))
     layout = replace(layout, orders=min(orders or (6 if slab else 5), layout.terms))
     return Fineness(layout, frequencies or (64 if slab else 48 if wide or thin else 32))
