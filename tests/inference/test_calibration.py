@@ -75,3 +75,34 @@ def test_what_does_not_go_together(more, said):
     with pytest.raises(lf.InputError) as error:
         problem(**more)
     assert said in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("source", "detector", "name", "truth", "bounds"),
+    [
+        (lf.Disk(0.6), lf.Detector(), "source_radius", 0.6, (0.2, 1.0)),
+        (lf.Gaussian(0.5), lf.Detector(), "source_radius", 0.5, (0.2, 1.0)),
+        (lf.Pencil(), lf.Detector(radius=0.4), "detector_radius", 0.4, (0.1, 0.8)),
+    ],
+    ids=["disk", "gaussian", "fibre"],
+)
+def test_size_of_spot_and_fibre(source, detector, name, truth, bounds):
+    """A radius comes back with the absorption, from predictions of the geometry itself."""
+    r = np.array([1.0, 1.2, 1.5, 2.0, 3.0, 5.0, 8.0])
+    geometry = lf.RadialReflectance(r=r, source=source, detector=detector)
+    data = lf.Dataset(geometry, lf.predict(SKIN, geometry, solver=SOLVER)[0].values, noise=lf.Noise(relative=0.01), name="probe")
+    free = {"skin.sigma_a": (1e-3, 1.0), f"probe.{name}": {"min": bounds[0], "max": bounds[1], "init": 0.3}}
+    result = lf.fit(lf.Problem(SKIN.set({"skin.sigma_a": 0.03}), data, free=free, solver=SOLVER), starts=1)
+    assert abs(result.x[1] / truth - 1.0) <= 1e-3
+    assert abs(result.x[0] / 0.02 - 1.0) <= 1e-4
+    assert result.parameters[f"probe.{name}"].unit == "mm"
+
+
+def test_radii_that_cannot_be_free():
+    point = measured(SKIN, "probe")
+    with pytest.raises(lf.InputError, match=r"'probe.source_radius' does not exist"):
+        lf.Problem(SKIN, point, free={"probe.source_radius": (0.1, 1.0)}, solver=SOLVER)
+    geometry = lf.RadialReflectance(r=[1.0, 2.0, 3.0], source=lf.Disk(0.2), detector=lf.Detector(radius=0.2))
+    both = lf.Dataset(geometry, [0.1, 0.05, 0.02], noise=lf.Noise(relative=0.01), name="probe")
+    with pytest.raises(lf.InputError, match="are both free"):
+        lf.Problem(SKIN, both, free={"probe.source_radius": (0.1, 1.0), "probe.detector_radius": (0.1, 1.0)}, solver=SOLVER)

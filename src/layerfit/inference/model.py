@@ -1,6 +1,7 @@
 """The forward model of a problem as a function of its free numbers: what is compiled."""
 
 from collections.abc import Mapping, Sequence
+from itertools import islice
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -16,6 +17,7 @@ from ..solver import Forward
 from .parameters import MODEL_ERROR, NUISANCE, Coordinates, FreeParameter
 from .priors import Priors
 from .scatter import Scatter
+from .sizes import Size
 from .ties import Tie
 
 
@@ -57,11 +59,22 @@ class Scene(eqx.Module):
 
 
 class Sample(eqx.Module):
-    """One stack and what predicts its measurements, of which there are count."""
+    """One stack, what predicts its measurements, and for each of these its free radius."""
 
     scene: Scene
     forward: Forward
-    count: int = eqx.field(static=True)
+    sizes: tuple[Size, ...]
+
+    @property
+    def count(self) -> int:
+        """Number of measurements."""
+        return len(self.sizes)
+
+    def predict(self, x: Float[Array, "p"], shifts: Sequence[Float[Array, ""] | None]) -> list[Array]:
+        """Values of each measurement, its calibration but offset and radius left out."""
+        spread = [shift for shift, size in zip(shifts, self.sizes, strict=True) for _ in range(size.count)]
+        values = iter(self.forward(self.scene.columns(x), spread))
+        return [size.at(x, list(islice(values, size.count))) for size in self.sizes]
 
 
 class Model(eqx.Module):
@@ -130,7 +143,7 @@ class Model(eqx.Module):
         predicted: list[Array] = []
         for sample in self.samples:
             first = len(predicted)
-            predicted += sample.forward(sample.scene.columns(x), shifts[first : first + sample.count])
+            predicted += sample.predict(x, shifts[first : first + sample.count])
         return tuple(
             (1.0 if amplitude is None else x[amplitude]) * values + (0.0 if background is None else x[background])
             for values, (amplitude, _, background) in zip(predicted, self.nuisance, strict=True)

@@ -23,9 +23,10 @@ from .priors import UNIFORM, Prior, parse_prior
 Scale = Literal["linear", "log"]
 
 NUISANCE = {"amplitude": 1.0, "offset": 0.0, "background": 0.0}
+SIZES = ("source_radius", "detector_radius")  # of a disk or Gaussian source, of a fibre
 MODEL_ERROR = "scene.model_error"  # scale of the solver's stated error
 HYPER = "hyper."  # numbers that priors depend on
-_UNITS = {"sigma_a": "1/mm", "sigma_s": "1/mm", "sigma_s_prime": "1/mm", "thickness": "mm", "offset": "mm"}
+_UNITS = {"sigma_a": "1/mm", "sigma_s": "1/mm", "sigma_s_prime": "1/mm", "thickness": "mm", "offset": "mm"} | dict.fromkeys(SIZES, "mm")
 # lowest and highest value each number may ever have: (value, whether it may be reached)
 _PHYSICAL = {
     "sigma_a": ((0.0, True), (math.inf, False)),
@@ -39,6 +40,8 @@ _PHYSICAL = {
     "n_above": ((0.0, False), (math.inf, False)),
     "n_below": ((0.0, False), (math.inf, False)),
     "amplitude": ((0.0, False), (math.inf, False)),
+    "source_radius": ((0.0, False), (math.inf, False)),
+    "detector_radius": ((0.0, False), (math.inf, False)),
     MODEL_ERROR: ((0.0, True), (math.inf, False)),
 }
 _KEYS = ("min", "max", "init", "scale", "prior")
@@ -127,7 +130,16 @@ def _names(stacks: Sequence[Stack], datasets: Sequence[Dataset]) -> list[str]:
 
 def calibration_names(datasets: Sequence[Dataset]) -> list[str]:
     """Names of the numbers of measurements."""
-    return [f"{d.name}.{n}" for d in datasets for n in NUISANCE if n != "offset" or isinstance(d.geometry, Radial)]
+    return [f"{d.name}.{n}" for d in datasets for n in _calibration(d)]
+
+
+def _calibration(dataset: Dataset) -> dict[str, float]:
+    """Names and usual values of a dataset's own numbers."""
+    geometry = dataset.geometry
+    if not isinstance(geometry, Radial):
+        return {name: value for name, value in NUISANCE.items() if name != "offset"}
+    radii = (getattr(geometry.source, "radius", 0.0), geometry.detector.radius)
+    return NUISANCE | {name: float(radius) for name, radius in zip(SIZES, radii, strict=True) if radius > 0}
 
 
 def _one(stacks: Sequence[Stack], datasets: Sequence[Dataset], name: str, spec: Any, where: str) -> FreeParameter:
@@ -136,8 +148,10 @@ def _one(stacks: Sequence[Stack], datasets: Sequence[Dataset], name: str, spec: 
     if name not in known and not beside:
         raise InputError(f"{where} does not exist; allowed: {', '.join(known)}")
     owner, field = name.rsplit(".", 1)
-    dataset = next((d for d in datasets if d.name == owner), None) if field in NUISANCE else None
-    start: Any = NUISANCE[field] if dataset is not None else None if beside else float(next(s for s in stacks if name in s.names).get(name))
+    dataset = next((d for d in datasets if d.name == owner), None) if field in (*NUISANCE, *SIZES) else None
+    start: Any = (
+        _calibration(dataset)[field] if dataset is not None else None if beside else float(next(s for s in stacks if name in s.names).get(name))
+    )
     scale, prior = None, UNIFORM
     if isinstance(spec, Mapping):
         unknown = [key for key in spec if key not in _KEYS]

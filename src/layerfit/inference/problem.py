@@ -22,6 +22,7 @@ from .parameters import MODEL_ERROR, FreeParameter, calibration_names, free_para
 from .priors import LogNormal
 from .reference import Reference
 from .scatter import NormalScatter
+from .sizes import free_size
 from .ties import Tie, parse_ties
 
 RELATIVE_NOISE = 1.0  # placeholder where the noise is estimated from the fit
@@ -44,8 +45,8 @@ class Problem(eqx.Module):
     stack : the guess; numbers that are not free keep its values.
     data : a Dataset or several, fitted together. reference : other samples measured with the same instrument, see `Reference`.
     free : ``{"layer.number": (min, max)}``, or with a table ``{"min":, "max":, "init":, "scale": "log" | "linear"}``. Any number of the stack
-        (``stack.names``), and of each dataset ``name.amplitude`` (factor on the prediction), ``name.offset`` (added to r) and ``name.background``
-        (added to the prediction).
+        (``stack.names``), and of each dataset ``name.amplitude`` (factor on the prediction), ``name.offset`` (added to r), ``name.background``
+        (added to the prediction), ``name.source_radius`` (of a disk or Gaussian source) and ``name.detector_radius`` (of a fibre with a radius).
         A table may give a ``"prior"``: ``lf.Normal(1.0, 0.05)``, ``{"normal": [1.0, 0.05]}`` ... (default: uniform between the bounds).
     ties : ``{"layer.number": "other.number"}`` or ``(other, factor)``: numbers that follow others; or a function of the stack.
     likelihood : how the data scatter, one for all or ``{measurement: likelihood}``: lf.GaussianNoise() (default), lf.StudentT(nu),
@@ -139,10 +140,11 @@ class Problem(eqx.Module):
         for geometry in geometries:
             self.solver.check(start, geometry)
         choice = self.solver.choose(start, geometries, _resolution(data)) if choice is None else choice
-        forward = choice.solver.forward(domain, geometries, [self._shift(d) for d in data])
+        laid = [(self._shift(d), *free_size(d, self.parameters)) for d in data]
+        forward = choice.solver.forward(domain, [g for _, _, more in laid for g in more], [shift for shift, _, more in laid for _ in more])
         if not forward.differentiable:
             raise InputError(f"solver {choice.solver.name} has no derivatives; allowed for a fit are the other solvers")
-        return Sample(scene, forward, len(data)), choice
+        return Sample(scene, forward, tuple(size for _, size, _ in laid)), choice
 
     def again(self, stack: Stack, x: np.ndarray) -> "Problem | None":
         """The same problem from where a fit ended, with a better solver where the chosen one is not good enough there; None where it is.
@@ -184,7 +186,9 @@ class Problem(eqx.Module):
             return [None] * len(self.data)
         for sample, data in zip(samples, self._measurements, strict=True):
             columns = sample.scene.columns(x)
-            shares = stated_errors(sample.forward, columns)
+            firsts = np.cumsum([0, *(size.count for size in sample.sizes)])[:-1]  # of the geometries that stand for a dataset
+            stated = stated_errors(sample.forward, columns)
+            shares = [stated[i] for i in firsts]
             found += error_covariances([d.geometry for d in data], columns, shares, sizes[len(found) : len(found) + len(data)])
         if all(error is None for error in found):
             raise InputError(f'model_error = {self.model_error!r}: solver {self.chosen.name} states no error; allowed with it is "off"')

@@ -129,6 +129,15 @@ class Radial(Geometry):
         places = {name: values + offset for name, values in self.places().items()}
         return type(self)(**places, source=self.source, detector=self.detector)
 
+    def sized(self, *, source_radius: float | None = None, detector_radius: float | None = None) -> Self:
+        """The same with another radius [mm] of a disk or Gaussian source, or of a fibre. Raises InputError for one that is not above 0."""
+        source = self.source
+        if source_radius is not None:
+            assert isinstance(source, Disk | Gaussian)
+            source = type(source)(source_radius)
+        detector = self.detector if detector_radius is None else Detector(detector_radius, self.detector.na)
+        return type(self)(**self.places(), source=source, detector=detector)
+
     def kernel(self) -> Kernel:
         """How the values follow from the response in spatial frequency (see `optics.hankel`)."""
         disks = [self.detector.radius] if self.detector.radius > 0 else []
