@@ -46,10 +46,13 @@ class _Block(eqx.Module):
     state: Any
 
 
-@eqx.filter_jit
-def _slope(log_density: LogDensity, u: Float[AnyArray, "p"]) -> tuple[Float[Array, ""], Float[Array, "p"]]:
-    """Potential and its gradient."""
+def _potential_and_gradient(log_density: LogDensity, u: Float[AnyArray, "p"]) -> tuple[Float[Array, ""], Float[Array, "p"]]:
     return jax.value_and_grad(lambda u: -log_density(u))(u)
+
+
+# used once for each chain: quick to compile is better than quick to run
+_OPTIONS: dict[str, Any] = {"compiler_options": {"xla_cpu_use_fusion_emitters": False}}
+_slope: Callable[..., Any] = eqx.filter_jit(_potential_and_gradient, **_OPTIONS)
 
 
 def _kernel(log_density: LogDensity, u: Any, slope: Any, key: Any) -> tuple[Any, Any]:
