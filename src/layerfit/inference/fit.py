@@ -15,9 +15,9 @@ from scipy.special import chdtrc
 from ..errors import InputError
 from ..scene.stack import Stack
 from .least_squares import Descent, descend
-from .parameters import unbounded
+from .parameters import shares, unbounded
 from .problem import Problem
-from .uncertainty import POOR, UNDETERMINED, Uncertainty, correlation, is_positive, uncertainty
+from .uncertainty import Uncertainty, correlation, uncertainty, verdicts
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -243,8 +243,7 @@ def _physical(jacobian: np.ndarray, slope: np.ndarray) -> np.ndarray:
 
 def _jacobians_at(problem: Problem, points: np.ndarray) -> np.ndarray:
     """The same at points in physical units (points, p)."""
-    shares = np.array([[p.share(float(v)) for p, v in zip(problem.parameters, x, strict=True)] for x in points])
-    there = descend(problem.model, *_rows(problem, shares), np.array(True), _MAX_STEPS)
+    there = descend(problem.model, *_rows(problem, shares(problem.parameters, points)), np.array(True), _MAX_STEPS)
     return _physical(np.asarray(there.jacobian), np.asarray(there.slope))[: len(points)]
 
 
@@ -301,12 +300,7 @@ def _warnings(problem: Problem, runs: Sequence[_Run], known: Uncertainty, stack:
             warnings.append(
                 f"{parameter.name} is at its {side} bound ({x:.4g} {parameter.unit}); it has no standard error, and the others hold with it there"
             )
-    for parameter, sd in zip(problem.parameters, known.relative, strict=True):
-        if not sd <= UNDETERMINED:
-            warnings.append(f"{parameter.name} is not determined by the data")
-        elif sd > POOR:
-            whole = "value" if is_positive(parameter) else "interval"
-            warnings.append(f"{parameter.name} is poorly determined by the data: its standard error is {100 * sd:.0f} % of its {whole}")
+    warnings.extend(verdicts(problem.parameters, known.relative))
     warnings.extend(known.directions)
     contradicted = False
     if noise is not None:

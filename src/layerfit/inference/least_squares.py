@@ -26,7 +26,7 @@ _PROBE = 0.1  # share of a step at which its bending is measured
 _MOST_BENT = 0.75  # longest correction by the bending, in steps
 _FIRST_STEP_SIZE = 100.0
 _FASTEST = 5.0  # growth of the step size after a good step, at most
-_COARSE = 1e4  # how much sooner the descent on logarithms stops, from which the other one goes on
+COARSE = 1e4  # how much sooner the descent on logarithms stops, from which the other one goes on
 
 
 class _State(eqx.Module):
@@ -132,7 +132,7 @@ def _stage(model: Model, u: Float[Array, "p"], logarithmic: Float[Array, ""], li
         lambda u, _: model.residuals(u, logarithmic),
         LevenbergMarquardt(),
         u,
-        options={"linearise": linearise, "coarse": jnp.where(logarithmic > 0, _COARSE, 1.0)},
+        options={"linearise": linearise, "coarse": jnp.where(logarithmic > 0, COARSE, 1.0)},
         max_steps=max_steps,
         throw=False,
     )
@@ -167,5 +167,5 @@ def _descend(model: Model, u: Float[AnyArray, "runs p"], count: Int[AnyArray, ""
 
 
 # The older of XLA's two code generators compiles these many small loops in half the time, and they run as fast.
-_OPTIONS: dict[str, Any] = {"compiler_options": {"xla_cpu_use_fusion_emitters": False}}
-descend: Callable[..., Descent] = eqx.filter_jit(_descend, **_OPTIONS)
+OPTIONS: dict[str, Any] = {"compiler_options": {"xla_cpu_use_fusion_emitters": False}}
+descend: Callable[..., Descent] = eqx.filter_jit(_descend, **OPTIONS)

@@ -193,6 +193,13 @@ class Coordinates(eqx.Module):
         return jnp.where(self.log, jnp.exp(jnp.where(self.log, inner, 0.0)), inner)
 
 
+def shares(parameters: Sequence[FreeParameter], x: Float[np.ndarray, "*m p"]) -> Float[np.ndarray, "*m p"]:
+    """Positions of numbers between their bounds, each on its scale, 0 to 1."""
+    log = np.array([p.log for p in parameters])
+    low, high = np.array([p.ends for p in parameters]).T
+    return (np.where(log, np.log(np.where(log, x, 1.0)), x) - low) / (high - low)
+
+
 def unbounded(share: np.ndarray) -> np.ndarray:
     """u at positions between the bounds; ends are moved in by 1e-4."""
     inside = np.clip(share, 1e-4, 1.0 - 1e-4)
