@@ -6,6 +6,8 @@ from .inference.fit import Estimate as Estimate
 from .inference.fit import Fit as Fit
 from .inference.fit import Outcome as Outcome
 from .inference.fit import fit as fit
+from .inference.many import ManyFits as ManyFits
+from .inference.many import fit_many as fit_many
 from .inference.parameters import FreeParameter as FreeParameter
 from .inference.problem import Problem as Problem
 from .measurement.csv_file import read as read

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MAX_STEPS = 200
-_SAME = 0.1  # two ends are one minimum if their chi-squares differ by less than this
+SAME = 0.1  # two ends are one minimum if their chi-squares differ by less than this,
+MOVED = 1.0  # and their residuals, by the slopes at the better one, by less than this (sum of squares)
 _ENOUGH = 3  # starts that reach the best minimum, after which no more are made
 _LEAST_NOISE = 1e-7  # relative noise below which an estimated one is rounding
 
@@ -219,21 +220,21 @@ def _run_all(problem: Problem, points: np.ndarray, on_start: Callable[[int, int]
     return sorted(runs, key=lambda run: run.start.chi2)
 
 
-def _variance(problem: Problem, best: _Run) -> float:
-    """Variance of a residual: 1 where sd are given, else estimated from the best minimum."""
+def least_variance(problem: Problem, chi2: float) -> float:
+    """Variance of a residual: 1 where sd are given, else estimated from the sum of squares at the best minimum."""
     if not problem.estimates_noise:
         return 1.0
     dof = max(sum(d.geometry.size for d in problem.data) - len(problem.parameters), 1)
-    return max(best.start.chi2 / dof, _LEAST_NOISE**2)
+    return max(chi2 / dof, _LEAST_NOISE**2)
 
 
 def _same_minimum(problem: Problem, best: _Run, other: _Run) -> bool:
     """Whether two runs ended in one minimum: nearly the same chi-square, and nearly the same residuals by the slopes at the best."""
     if not math.isfinite(other.start.chi2):
         return False
-    variance = _variance(problem, best)
+    variance = least_variance(problem, best.start.chi2)
     moved = best.end.jacobian @ (other.end.u - best.end.u)
-    return (other.start.chi2 - best.start.chi2) / variance <= _SAME and float(np.sum(moved**2)) / variance <= 10.0 * _SAME
+    return (other.start.chi2 - best.start.chi2) / variance <= SAME and float(np.sum(moved**2)) / variance <= MOVED
 
 
 def _physical(jacobian: np.ndarray, slope: np.ndarray) -> np.ndarray:
@@ -250,7 +251,7 @@ def _jacobians_at(problem: Problem, points: np.ndarray) -> np.ndarray:
 def _assemble(problem: Problem, runs: Sequence[_Run], seconds: float) -> Fit:
     best = runs[0]
     x = best.start.last
-    variance = _variance(problem, best)
+    variance = least_variance(problem, best.start.chi2)
     jacobian = _physical(np.asarray(best.end.jacobian), np.asarray(best.end.slope))
     known = uncertainty(problem.parameters, x, lambda points: _jacobians_at(problem, points), jacobian, variance)
     flat = np.asarray(best.end.residual)
@@ -287,7 +288,7 @@ def _warnings(problem: Problem, runs: Sequence[_Run], known: Uncertainty, stack:
         warnings.append(f"the fit did not converge: {best.start.outcome.value}")
     met = sum(_same_minimum(problem, best, run) for run in runs)
     if len(runs) > 1 and met < len(runs):
-        others = [run.start.chi2 / _variance(problem, best) for run in runs if not _same_minimum(problem, best, run)]
+        others = [run.start.chi2 / least_variance(problem, best.start.chi2) for run in runs if not _same_minimum(problem, best, run)]
         rival = min(others)
         near = rival - chi2 < 9.0
         warnings.append(

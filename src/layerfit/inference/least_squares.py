@@ -21,7 +21,7 @@ from ..arrays import AnyArray
 from .model import Model
 
 _LONGEST = 2.0  # largest step in one coordinate; the logistic map turns over on this scale
-_STALLED = 1e-9  # relative gain below which a step counts as none
+STALLED = 1e-9  # relative gain below which a step counts as none
 _PROBE = 0.1  # share of a step at which its bending is measured
 _MOST_BENT = 0.75  # longest correction by the bending, in steps
 _FIRST_STEP_SIZE = 100.0
@@ -42,7 +42,8 @@ class _State(eqx.Module):
 class LevenbergMarquardt(optx.AbstractLeastSquaresSolver[Float[Array, "p"], Float[Array, "n"], None, _State]):
     """Stops when a step is small, or when two steps in a row gain nothing.
 
-    rtol, atol : of a step in the coordinates, times options["coarse"]. With options["linearise"] it stops where it starts, the Jacobian done.
+    rtol, atol : of a step in the coordinates, times options["coarse"]. A step that gains less than options["stalled"] of the sum of squares gains
+    nothing. With options["linearise"] it stops where it starts, the Jacobian done.
     """
 
     rtol: float = 1e-9
@@ -74,7 +75,7 @@ class LevenbergMarquardt(optx.AbstractLeastSquaresSolver[Float[Array, "p"], Floa
 
         grow = 1.0 / jnp.maximum(1.0 / _FASTEST, 1.0 - (2.0 * jnp.clip(gain, -1.0, 1.0) - 1.0) ** 3)
         step_size = jnp.where(state.first, state.step_size, state.step_size * jnp.where(good, grow, 1.0 / state.shrink))
-        gained_nothing = good & (before - after <= _STALLED * before)
+        gained_nothing = good & (before - after <= options["stalled"] * before)
         stalled = jnp.where(accept, jnp.where(gained_nothing, state.stalled + 1, 0), state.stalled)
         settled = ~state.first & (self.norm(delta / (self.atol + self.rtol * jnp.abs(trial))) < options["coarse"])
         exhausted = (step_size < 1e-13) | (jnp.isfinite(after) & (after < 1e-24 * residual.size))
@@ -132,7 +133,7 @@ def _stage(model: Model, u: Float[Array, "p"], logarithmic: Float[Array, ""], li
         lambda u, _: model.residuals(u, logarithmic),
         LevenbergMarquardt(),
         u,
-        options={"linearise": linearise, "coarse": jnp.where(logarithmic > 0, COARSE, 1.0)},
+        options={"linearise": linearise, "coarse": jnp.where(logarithmic > 0, COARSE, 1.0), "stalled": STALLED},
         max_steps=max_steps,
         throw=False,
     )
