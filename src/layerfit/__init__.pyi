@@ -6,6 +6,8 @@ from .inference.fit import Estimate as Estimate
 from .inference.fit import Fit as Fit
 from .inference.fit import Outcome as Outcome
 from .inference.fit import fit as fit
+from .inference.identify import Identification as Identification
+from .inference.identify import identify as identify
 from .inference.many import ManyFits as ManyFits
 from .inference.many import fit_many as fit_many
 from .inference.parameters import FreeParameter as FreeParameter
@@ -20,6 +22,7 @@ from .measurement.geometry import RadialTransmittance as RadialTransmittance
 from .measurement.geometry import SpatialFrequency as SpatialFrequency
 from .measurement.geometry import TotalReflectance as TotalReflectance
 from .measurement.geometry import TotalTransmittance as TotalTransmittance
+from .measurement.planned import Planned as Planned
 from .measurement.source import Detector as Detector
 from .measurement.source import Disk as Disk
 from .measurement.source import Edge as Edge

@@ -63,11 +63,9 @@ def _descend_many(model: Model, rows: Rows, count: Int[AnyArray, ""], first_stag
         return solver.init(None, y, None, {}, shape, None, frozenset())
 
     def step(row: Array, stage: Array, y: Array, state: Any) -> tuple[Array, Any]:
-        options = {
-            "linearise": linearise,
-            "coarse": jnp.where(stage == 0, COARSE, _COARSE),
-            "stalled": jnp.where(stage == 0, _STALLED_FIRST, _STALLED),
-        }
+        coarse, stalled = (COARSE, _COARSE), (_STALLED_FIRST, _STALLED)
+        coarse, stalled = (COARSE, _COARSE), (_STALLED_FIRST, _STALLED)
+        options = {"linearise": linearise, "coarse": jnp.where(stage == 0, *coarse), "stalled": jnp.where(stage == 0, *stalled)}
         y, state, _ = solver.step(lambda y, _: (residuals(row, stage, y), None), y, None, options, state, frozenset())
         return y, state
 

@@ -65,7 +65,7 @@ class LevenbergMarquardt(optx.AbstractLeastSquaresSolver[Float[Array, "p"], Floa
         bend = jax.lax.cond(state.first, jnp.zeros_like, lambda straight: self._bend(fn, y, args, state, damped, scale, straight), straight)
         delta = jnp.clip(straight + bend, -_LONGEST, _LONGEST)
         trial = y + delta
-        residual, jacobian = _value_and_jacobian(lambda y: fn(y, args)[0], trial)
+        residual, jacobian = value_and_jacobian(lambda y: fn(y, args)[0], trial)
 
         before, after = jnp.sum(state.residual**2), jnp.sum(residual**2)
         predicted = before - jnp.sum((state.jacobian @ straight + state.residual) ** 2)
@@ -110,21 +110,22 @@ class LevenbergMarquardt(optx.AbstractLeastSquaresSolver[Float[Array, "p"], Floa
         return y, aux, {}
 
 
-def _value_and_jacobian(function: Callable[[Array], Array], y: Float[Array, "p"]) -> tuple[Float[Array, "n"], Float[Array, "n p"]]:
+def value_and_jacobian(function: Callable[[Array], Array], y: Float[Array, "p"]) -> tuple[Float[Array, "n"], Float[Array, "n p"]]:
+    """Value and forward-mode Jacobian of a function, all directions at a time."""
     return jax.vmap(lambda direction: jax.jvp(function, (y,), (direction,)), out_axes=(None, -1))(jnp.eye(y.size))
 
 
 class Descent(eqx.Module):
     """Where runs ended; one row a run."""
 
-    u: Float[Array, "runs p"]
-    x: Float[Array, "runs p"]  # the same in physical units
-    first: Float[Array, "runs p"]  # where it began, in physical units
-    slope: Float[Array, "runs p"]  # dx/du
-    residual: Float[Array, "runs n"]
-    jacobian: Float[Array, "runs n p"]  # d residual/du
-    steps: Int[Array, "runs"]
-    converged: Bool[Array, "runs"]
+    u: Float[AnyArray, "runs p"]
+    x: Float[AnyArray, "runs p"]  # the same in physical units
+    first: Float[AnyArray, "runs p"]  # where it began, in physical units
+    slope: Float[AnyArray, "runs p"]  # dx/du
+    residual: Float[AnyArray, "runs n"]
+    jacobian: Float[AnyArray, "runs n p"]  # d residual/du
+    steps: Int[AnyArray, "runs"]
+    converged: Bool[AnyArray, "runs"]
 
 
 def _stage(model: Model, u: Float[Array, "p"], logarithmic: Float[Array, ""], linearise: Bool[Array, ""], max_steps: int) -> optx.Solution:

@@ -29,8 +29,8 @@ class ManyFits(eqx.Module):
 
     Attributes
     ----------
-    x, stderr, covariance : numbers (m, p), their standard errors (m, p), NaN at a bound or where the data say nothing, and covariances (m, p, p), all in
-        physical units.
+    x, stderr, covariance : numbers (m, p), their standard errors (m, p), NaN at a bound or where the data say nothing, and covariances
+        (m, p, p), all in physical units.
     relative : sd of the logarithm, or of the number in units of its interval (m, p). at_bound, determined : flags (m, p).
     chi2, dof, noise : sums of squares (m,), values minus free numbers, and estimated relative noises (m,), None where sd were given.
     predictions : (m, n). outcome : how each ended (m,). met, runs : how many starts ended in the best minimum, of how many (m,).
@@ -144,9 +144,8 @@ def _table(problem: Problem, values: Any, sd: Any) -> tuple[Float[np.ndarray, "m
     if sd is None and problem.estimates_noise:
         if np.any(values <= 0):
             row, column = np.argwhere(values <= 0)[0].tolist()
-            raise InputError(
-                f"fit_many: value {column + 1} of set {row + 1} is {values[row, column]:g} and has no sd; without sd allowed are values above 0"
-            )
+            given = f"value {column + 1} of set {row + 1} is {values[row, column]:g}"
+            raise InputError(f"fit_many: {given} and has no sd; without sd allowed are values above 0", row=row)
         return values, values.copy()
     sd = np.concatenate([np.asarray(s) for s in problem.model.sd]) if sd is None else sd
     if sd.shape not in (values.shape, (n,)):

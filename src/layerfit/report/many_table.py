@@ -18,9 +18,8 @@ def many_text(many: "ManyFits") -> str:
         known = many.stderr[:, i][np.isfinite(many.stderr[:, i])]
         size = f"{np.median(known):.2g}" if known.size else ""
         weak = int(np.sum(~many.determined[:, i] & ~many.at_bound[:, i]))
-        cells.append(
-            (p.name, f"{middle:.4g}", f"{low:.4g}", f"{high:.4g}", unit_text(p.unit), size, str(weak), str(int(np.sum(many.at_bound[:, i]))))
-        )
+        numbers = (f"{middle:.4g}", f"{low:.4g}", f"{high:.4g}", unit_text(p.unit), size)
+        cells.append((p.name, *numbers, str(weak), str(int(np.sum(many.at_bound[:, i])))))
     sets = len(many.x)
     failed = sets - int(np.sum(many.converged))
     head = f"{sets} sets fitted in {many.seconds:.3g} s: {sets - failed} converged" + (f", {failed} did not" if failed else "")
@@ -28,7 +27,5 @@ def many_text(many: "ManyFits") -> str:
     alone = int(np.sum((many.met < 2) & (many.runs > 1)))
     lines = [head, f"chi-square over degrees of freedom: median {np.median(ratio):.3g}, largest {np.max(ratio):.3g}", *aligned(cells, left=(0, 4))]
     if alone:
-        lines.append(
-            f"  ! in {alone} sets only one start reached the best minimum: there are others, or a better one was missed; more starts would tell"
-        )
+        lines.append(f"  ! in {alone} sets only one start reached the best minimum: another one may be better; more starts would tell")
     return "\n".join(lines)

@@ -61,7 +61,7 @@ def _fewer(plan: Functional, spectra: Float[np.ndarray, "s k"], values: Float[np
     importance = np.max(np.abs(full) / np.median(size, axis=0)[..., None], axis=(0, 1))
     scaled = spectra * importance
     scaled = scaled / np.linalg.norm(scaled, axis=1, keepdims=True)
-    triangle, order = scipy.linalg.qr(scaled, mode="r", pivoting=True)
+    triangle, order = scipy.linalg.qr(scaled, mode="r", pivoting=True)  # pyright: ignore[reportAssignmentType]
     pivots = np.abs(np.diag(triangle))
     nodes = np.sort(order[: int(np.sum(pivots > _RANK * pivots[0]))])
     if 2 * nodes.size > spectra.shape[0] or 2 * nodes.size > spectra.shape[1]:
