@@ -45,7 +45,7 @@ def _predict(model: Model, x: Float[AnyArray, "m p"], count: Int[AnyArray, ""]) 
 def points_between(problem: Problem, count: int, seed: int) -> Float[np.ndarray, "count p"]:
     """Shares between the bounds: a scrambled Sobol sequence."""
     whole = 1 << max(count - 1, 0).bit_length()  # its balance holds for powers of two
-    return qmc.Sobol(len(problem.parameters), seed=seed).random(whole)[:count]
+    return qmc.Sobol(len(problem.parameters), rng=seed).random(whole)[:count]
 
 
 class Batch:

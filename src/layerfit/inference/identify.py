@@ -1,7 +1,7 @@
 """What data could tell, before there are any."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,16 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ..arrays import AnyArray
 from ..errors import InputError
 from ..measurement.dataset import Dataset, Noise
 from ..measurement.geometry import Angular, Geometry, Radial, RadialReflectance, SpatialFrequency, TotalReflectance, TotalTransmittance
 from ..measurement.planned import Planned
-from ..predict import predict
 from ..scene.stack import Stack
 from ..solver import Solver
 from ..transport.auto import Auto
 from .design import Step, greedy
-from .least_squares import value_and_jacobian
+from .least_squares import OPTIONS, value_and_jacobian
 from .parameters import FreeParameter, free_parameters
 from .problem import Problem
 from .uncertainty import UNDETERMINED, correlation, linear_covariance, natural_scales, open_directions, verdicts
@@ -159,30 +159,41 @@ def identify(
             raise InputError(f"measurement '{one.name}' has neither sd nor noise; what can be known depends on it: give one of them")
     if not given:
         raise InputError("identify: no measurement was given; allowed is one or more, each with its noise")
+    chosen = (Auto() if solver is None else solver).choose(_start(stack, given, free), [one.geometry for one in given]).solver
+    offered = _offered(stack, given, chosen) if candidates is None else list(candidates)
+    shells = [Dataset(one.geometry, np.ones(one.geometry.size), np.ones(one.geometry.size), name=one.name) for one in [*given, *offered]]
+    shapes = [d.name for d in shells[: len(given)] if isinstance(d.geometry, Radial | SpatialFrequency | Angular) and d.geometry.size > 1]
+    amplitudes = {f"{name}.amplitude": (0.5, 2.0) for name in shapes if f"{name}.amplitude" not in free}
+    everything = Problem(stack, shells, free={**free, **amplitudes}, ties=ties, solver=chosen)
+    x = np.array([p.init for p in everything.parameters])
+    values, slopes = _slopes(everything, x)
+    if not np.all(np.isfinite(slopes)) or not np.all(np.isfinite(values)):
+        raise InputError(f"identify: the slopes of solver {chosen.name} are not finite at these values; move the start of the free numbers")
+    parts = np.split(np.asarray(values), np.cumsum([d.geometry.size for d in shells])[:-1])
+    usual = Noise(relative=max(float(np.median(np.concatenate([_sd(one, v) / np.abs(v) for one, v in zip(given, parts, strict=False)]))), 1e-12))
+    plans = [*given, *(Planned(one.geometry, usual, one.name) if candidates is None else one for one in offered)]
+    measured = [Dataset(one.geometry, v, _sd(one, v), name=one.name) for one, v in zip(plans, parts, strict=True)]
+    problem = Problem(stack, measured[: len(given)], free=free, ties=ties, solver=chosen)
+    weighted = np.asarray(slopes) / np.concatenate([np.asarray(d.sd) for d in measured])[:, None]
+    return _assemble(problem, everything.parameters, x, weighted, measured, choose)
+
+
+def _start(stack: Stack, given: Sequence[Dataset | Planned], free: Mapping[str, Any]) -> Stack:
+    """The stack at the init of its free numbers."""
     shells = [Dataset(one.geometry, np.ones(one.geometry.size), name=one.name) for one in given]
-    start = stack.set({p.name: p.init for p in free_parameters(stack, shells, free) if p.name in stack.names})
-    chosen = (Auto() if solver is None else solver).choose(start, [one.geometry for one in given]).solver
-    measured = _predicted(start, given, chosen)
-    offered = _offered(start, measured, chosen) if candidates is None else list(candidates)
-    problem, everything = _problems(stack, measured, _predicted(start, offered, chosen) if offered else [], free, ties, chosen)
-    return _assemble(problem, everything, choose)
+    return stack.set({p.name: p.init for p in free_parameters(stack, shells, free) if p.name in stack.names})
 
 
-def _predicted(stack: Stack, plans: Sequence[Dataset | Planned], solver: Solver) -> list[Dataset]:
-    """Data that would be measured without an error, with the noise that they would have."""
-    found = predict(stack, [plan.geometry for plan in plans], solver=solver)
-    return [
-        Dataset(p.geometry, p.values, plan.sd, name=plan.name)
-        if isinstance(plan, Dataset)
-        else Dataset(p.geometry, p.values, noise=plan.noise, name=plan.name)
-        for plan, p in zip(plans, found, strict=True)
-    ]
+def _sd(plan: Dataset | Planned, values: np.ndarray) -> np.ndarray:
+    """Standard deviations that a measurement would have."""
+    if isinstance(plan, Dataset):
+        assert plan.sd is not None
+        return plan.sd
+    return np.asarray(Dataset(plan.geometry, values, noise=plan.noise, name=plan.name).sd)
 
 
-def _offered(stack: Stack, measured: Sequence[Dataset], solver: Solver) -> list[Planned]:
-    """Further measurements that the solver can predict and that are not among the given ones."""
-    relative = float(np.median(np.concatenate([np.asarray(d.sd) / np.maximum(np.abs(d.values), 1e-300) for d in measured])))
-    noise = Noise(relative=relative)
+def _offered(stack: Stack, measured: Sequence[Dataset | Planned], solver: Solver) -> list[Planned]:
+    """Further measurements that the solver can predict and that are not among the given ones; their noise is put in later."""
     radial = [d.geometry for d in measured if isinstance(d.geometry, Radial)]
     offers: list[Geometry] = [SpatialFrequency(k=list(_SPATIAL)), TotalReflectance()] + ([] if stack.half_space else [TotalTransmittance()])
     kinds = {d.geometry.kind for d in measured}
@@ -193,33 +204,26 @@ def _offered(stack: Stack, measured: Sequence[Dataset], solver: Solver) -> list[
         offers.insert(0, RadialReflectance(r=[0.5 * least, 1.5 * reach, 2.0 * reach]))
     taken = {d.name for d in measured} | {layer.name for layer in stack.layers}
     names = {offer.kind: offer.kind if offer.kind not in taken else f"extra_{offer.kind}" for offer in offers}
-    return [Planned(offer, noise, names[offer.kind]) for offer in offers if solver.refusal(stack, [offer]) is None]
+    return [Planned(offer, Noise(relative=1.0), names[offer.kind]) for offer in offers if solver.refusal(stack, [offer]) is None]
 
 
-def _problems(
-    stack: Stack, measured: Sequence[Dataset], offered: Sequence[Dataset], free: Mapping[str, Any], ties: Mapping[str, Any] | None, solver: Solver
-) -> tuple[Problem, Problem]:
-    """The problem as stated, and one with all candidates in which the amplitude of every profile is free as well."""
-    stated = Problem(stack, measured, free=free, ties=ties, solver=solver)
-    shapes = [d.name for d in measured if isinstance(d.geometry, Radial | SpatialFrequency | Angular) and d.geometry.size > 1]
-    amplitudes = {f"{name}.amplitude": (0.5, 2.0) for name in shapes if f"{name}.amplitude" not in stated.names}
-    return stated, Problem(stack, [*measured, *offered], free={**free, **amplitudes}, ties=ties, solver=solver)
+def _slopes_of(problem: Problem, x: Float[AnyArray, "p"]) -> tuple[Any, Any]:
+    """Predictions and their Jacobian in physical units."""
+    return value_and_jacobian(lambda x: jnp.concatenate(problem.model.predict(x)), jnp.asarray(x))
 
 
-@eqx.filter_jit
-def _slopes(problem: Problem, x: Float[np.ndarray, "p"]) -> tuple[Any, Any]:
-    """Predictions and their Jacobian, weighted by the noise."""
-    sd = jnp.concatenate([jnp.asarray(s) for s in problem.model.sd])
-    predicted, jacobian = value_and_jacobian(lambda x: jnp.concatenate(problem.model.predict(x)), jnp.asarray(x))
-    return predicted, jacobian / sd[:, None]
+_slopes: Callable[..., tuple[Any, Any]] = eqx.filter_jit(_slopes_of, **OPTIONS)
 
 
-def _assemble(problem: Problem, everything: Problem, choose: int) -> Identification:
-    parameters = everything.parameters
-    x = np.array([p.init for p in parameters])
-    predicted, jacobian = (np.asarray(part) for part in _slopes(everything, x))
-    if not np.all(np.isfinite(jacobian)):
-        raise InputError(f"identify: the slopes of solver {problem.chosen.name} are not finite at these values; move the start of the free numbers")
+def _assemble(
+    problem: Problem,
+    parameters: Sequence[FreeParameter],
+    x: Float[np.ndarray, "p"],
+    jacobian: Float[np.ndarray, "n p"],
+    measured: Sequence[Dataset],
+    choose: int,
+) -> Identification:
+    """parameters, x, jacobian (weighted) : of all measurements and candidates, in which the amplitude of every profile is free as well."""
     scaled = jacobian * natural_scales(parameters, x)
     rows = sum(d.geometry.size for d in problem.data)
     amplitude = np.array([p.name.endswith(".amplitude") for p in parameters])
@@ -229,9 +233,9 @@ def _assemble(problem: Problem, everything: Problem, choose: int) -> Identificat
     asked = np.array([p.name in problem.names for p in parameters])
     mine = [p for p in parameters if p.name in problem.names]
     prior = np.diag(1.0 / np.array([_spread_between(p) for p in mine]) ** 2)
-    where = [(d.name, i) for d in everything.data for i in range(d.geometry.size)]
+    where = [(d.name, i) for d in measured for i in range(d.geometry.size)]
     weights = scaled[:, asked]
-    geometries = {d.name: d.geometry for d in everything.data}
+    geometries = {d.name: d.geometry for d in measured}
     return Identification(
         problem=problem,
         absolute=absolute,
@@ -239,7 +243,7 @@ def _assemble(problem: Problem, everything: Problem, choose: int) -> Identificat
         stated="relative" if any(name.endswith(".amplitude") for name in problem.names) else "absolute",
         places=greedy(prior, weights[:rows], where[:rows], geometries, mine, x[asked], choose),
         extra=greedy(prior + weights[:rows].T @ weights[:rows], weights[rows:], where[rows:], geometries, mine, x[asked], choose),
-        values=tuple(np.split(predicted, np.cumsum([d.geometry.size for d in everything.data])[:-1])[: len(problem.data)]),
+        values=tuple(d.values for d in problem.data),
     )
 
 

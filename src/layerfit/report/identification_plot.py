@@ -17,7 +17,7 @@ _COLOURS = ("#1f4e79", "#c0392b", "#2e7d32", "#b8860b", "#6a3d9a", "#5b8fc7", "#
 
 def plot_identification(found: "Identification") -> Figure:
     """Left: relative sd of each number, absolute and relative data. Right: how they fall with the values that tell most, and with further ones."""
-    names = [name for name in (found.relative or found.absolute).names]
+    names = list((found.relative or found.absolute).names)
     figure = Figure(figsize=(11.0, max(3.8, 1.6 + 0.45 * len(names))), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=[1, 1.2])
     both = [("absolute data", found.absolute, _ABSOLUTE)] + ([("relative data", found.relative, _RELATIVE)] if found.relative is not None else [])

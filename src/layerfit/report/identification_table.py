@@ -44,9 +44,7 @@ def identification_text(found: "Identification") -> str:
     """A table of bounds, absolute and relative, what is left open in words, and what would tell most."""
     problem = found.problem
     count = sum(d.geometry.size for d in problem.data)
-    lines = [
-        f"what {count} value{'s' if count > 1 else ''} could tell (Cramer-Rao bound, solver {problem.chosen.name}), relative sd in the last columns"
-    ]
+    lines = [f"what {count} value{'s' if count > 1 else ''} could tell: Cramer-Rao bounds, solver {problem.chosen.name}"]
     both = [("absolute", found.absolute)] + ([("relative", found.relative)] if found.relative is not None else [])
     tables = [_rows(knowledge) for _, knowledge in both]
     head = ["number", "value", "unit"] + [text for name, _ in both for text in (f"sd, {name} data", "", "")]
