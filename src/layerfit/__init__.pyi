@@ -12,6 +12,8 @@ from .inference.many import ManyFits as ManyFits
 from .inference.many import fit_many as fit_many
 from .inference.parameters import FreeParameter as FreeParameter
 from .inference.problem import Problem as Problem
+from .inference.profile_likelihood import ProfileLikelihood as ProfileLikelihood
+from .inference.profile_likelihood import profile_likelihood as profile_likelihood
 from .measurement.csv_file import read as read
 from .measurement.dataset import Dataset as Dataset
 from .measurement.dataset import Noise as Noise

@@ -22,6 +22,8 @@ from .uncertainty import Uncertainty, correlation, uncertainty, verdicts
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from .profile_likelihood import ProfileLikelihood
+
 _MAX_STEPS = 200
 SAME = 0.1  # two ends are one minimum if their chi-squares differ by less than this,
 MOVED = 1.0  # and their residuals, by the slopes at the better one, by less than this (sum of squares)
@@ -111,6 +113,12 @@ class Fit(eqx.Module):
         from ..report.plots import plot_fit
 
         return plot_fit(self)
+
+    def profile(self, name: str) -> "ProfileLikelihood":
+        """Chi-square against one number, minimised over all others: see `profile_likelihood`."""
+        from .profile_likelihood import profile_likelihood
+
+        return profile_likelihood(self, name)
 
     def plot_correlation(self) -> "Figure":
         """The correlation matrix as a matplotlib figure."""

@@ -16,7 +16,6 @@ from ..arrays import AnyArray
 from .least_squares import COARSE, OPTIONS, Descent, LevenbergMarquardt
 from .model import Model
 
-LANES = 32
 # Steps below these no longer matter beside the noise: a gain of 1e-7 of a chi-square of 100 is 0.003 standard errors.
 _COARSE = 1e3
 _STALLED = 1e-7
@@ -47,7 +46,9 @@ class _Lanes(eqx.Module):
     found: tuple[Array, ...]  # u, residual, jacobian, steps, converged of finished rows
 
 
-def _descend_many(model: Model, rows: Rows, count: Int[AnyArray, ""], first_stage: Int[AnyArray, ""], linearise: Bool[AnyArray, ""], max_steps: int):
+def _descend_many(
+    model: Model, rows: Rows, count: Int[AnyArray, ""], first_stage: Int[AnyArray, ""], linearise: Bool[AnyArray, ""], max_steps: int, lanes: int
+) -> Descent:
     solver = LevenbergMarquardt()
     total, p = rows.u.shape
     rows = jax.tree.map(jnp.asarray, rows)
@@ -89,9 +90,8 @@ def _descend_many(model: Model, rows: Rows, count: Int[AnyArray, ""], first_stag
 
     n = shape.shape[0]
     found = (jnp.zeros((total, p)), jnp.zeros((total, n)), jnp.zeros((total, n, p)), jnp.zeros(total, int), jnp.zeros(total, bool))
-    lanes = min(LANES, total)
     row = jnp.arange(lanes)
-    begin = _Lanes(
+    first = _Lanes(
         row=jnp.where(row < count, row, total),
         stage=jnp.full(lanes, 1) * first_stage,
         y=rows.u[:lanes],
@@ -100,7 +100,7 @@ def _descend_many(model: Model, rows: Rows, count: Int[AnyArray, ""], first_stag
         next_row=jnp.minimum(count, lanes),
         found=found,
     )
-    done = jax.lax.while_loop(lambda lanes: jnp.any(lanes.row < total), advance, begin)
+    done = jax.lax.while_loop(lambda lanes: jnp.any(lanes.row < total), advance, first)
     u, residual, jacobian, steps, converged = done.found
     x, slope = jax.jvp(model.coordinates.physical, (u,), (jnp.ones_like(u),))
     return Descent(u, x, model.coordinates.physical(rows.u), slope, residual, jacobian, steps, converged)
