@@ -4,12 +4,15 @@ from .comparison import compare as compare
 from .errors import InputError as InputError
 from .inference.fit import Estimate as Estimate
 from .inference.fit import Fit as Fit
+from .inference.fit import Minimum as Minimum
 from .inference.fit import Outcome as Outcome
 from .inference.fit import fit as fit
 from .inference.identify import Identification as Identification
 from .inference.identify import identify as identify
 from .inference.many import ManyFits as ManyFits
 from .inference.many import fit_many as fit_many
+from .inference.model_comparison import ModelComparison as ModelComparison
+from .inference.model_comparison import compare_models as compare_models
 from .inference.parameters import FreeParameter as FreeParameter
 from .inference.problem import Problem as Problem
 from .inference.profile_likelihood import ProfileLikelihood as ProfileLikelihood

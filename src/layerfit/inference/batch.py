@@ -11,7 +11,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
-from scipy.stats import qmc
 
 from ..arrays import AnyArray
 from ..transport.fewer_frequencies import fewer_frequencies
@@ -19,7 +18,7 @@ from ..transport.spectral import SpectralForward
 from .lanes import Rows, descend_many
 from .least_squares import Descent
 from .model import Model
-from .parameters import shares, unbounded
+from .parameters import shares, spread_points, unbounded
 from .problem import Problem
 
 _CHUNK = 512  # rows of a call, at most
@@ -43,12 +42,6 @@ def _predict(model: Model, x: Float[AnyArray, "m p"], count: Int[AnyArray, ""]) 
     return jax.lax.fori_loop(0, count, lambda i, found: found.at[i].set(jnp.concatenate(model.predict(x[i]))), empty)
 
 
-def points_between(problem: Problem, count: int, seed: int) -> Float[np.ndarray, "count p"]:
-    """Shares between the bounds: a scrambled Sobol sequence."""
-    whole = 1 << max(count - 1, 0).bit_length()  # its balance holds for powers of two
-    return qmc.Sobol(len(problem.parameters), rng=seed).random(whole)[:count]
-
-
 class Batch:
     """Descents of one problem with other data, starts, or numbers held.
 
@@ -62,7 +55,8 @@ class Batch:
         self.sizes = [d.geometry.size for d in problem.data]
         least = np.concatenate([np.abs(d.values) for d in problem.data]) if least is None else least
         if isinstance(problem.model.forward, SpectralForward):
-            x = np.array([[p.at(s) for p, s in zip(problem.parameters, row, strict=True)] for row in points_between(problem, _SAMPLES, 0).tolist()])
+            spread = spread_points(len(problem.parameters), _SAMPLES, 0).tolist()
+            x = np.array([[p.at(s) for p, s in zip(problem.parameters, row, strict=True)] for row in spread])
             floors = [np.maximum(part, 1e-6 * np.max(part)) for part in self.split(least)]
             cheap = fewer_frequencies(problem.model.forward, _columns(problem.model, x), floors)
             self.model = eqx.tree_at(lambda m: m.forward, problem.model, cheap)

@@ -15,7 +15,7 @@ from scipy.special import chdtrc
 from ..errors import InputError
 from ..scene.stack import Stack
 from .least_squares import Descent, descend
-from .parameters import shares, unbounded
+from .parameters import shares, spread_points, unbounded
 from .problem import Problem
 from .uncertainty import Uncertainty, correlation, uncertainty, verdicts
 
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 _MAX_STEPS = 200
 SAME = 0.1  # two ends are one minimum if their chi-squares differ by less than this,
 MOVED = 1.0  # and their residuals, by the slopes at the better one, by less than this (sum of squares)
+_NEAR = 9.0  # chi-squares that differ by less are hard to tell apart
+_APART = 2.0  # standard errors by which a number in another minimum must differ to be named
 _ENOUGH = 3  # starts that reach the best minimum, after which no more are made
 _LEAST_NOISE = 1e-7  # relative noise below which an estimated one is rounding
 
@@ -49,6 +51,14 @@ class Start(eqx.Module):
     outcome: Outcome = eqx.field(static=True)
 
 
+class Minimum(eqx.Module):
+    """One minimum that runs ended in: its numbers (physical units), its chi-square, and how many runs."""
+
+    x: np.ndarray
+    chi2: float = eqx.field(static=True)
+    starts: int = eqx.field(static=True)
+
+
 class Estimate(eqx.Module):
     """One fitted number. stderr: 1 standard deviation, None at a bound or where the data do not depend on it."""
 
@@ -69,7 +79,7 @@ class Fit(eqx.Module):
     chi2, dof, chi2_reduced : sum of squares of all residuals, values minus free numbers, and their ratio.
     noise : the relative noise estimated from the fit, None where sd were given. The covariance uses it, and chi2_reduced is then 1.
     outcome, warnings : how it ended, and what to keep in mind.
-    starts : all runs, best first. seconds : wall time.
+    starts : all runs, best first. minima : the distinct ones that they ended in, best first, chi-square on the scale of chi2. seconds : wall time.
     """
 
     problem: Problem
@@ -84,6 +94,7 @@ class Fit(eqx.Module):
     outcome: Outcome = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True)
     starts: tuple[Start, ...]
+    minima: tuple[Minimum, ...]
     seconds: float = eqx.field(static=True)
 
     @property
@@ -156,13 +167,13 @@ def fit(
 ) -> Fit:
     """Fit a problem by least squares.
 
-    The first run starts at the parameters' init, further ones at points spread evenly between the bounds, in a fixed order. Each goes first for the
+    The first run starts at the parameters' init, further ones at points of a scrambled Sobol sequence between the bounds. Each goes first for the
     logarithms of the data, then for the data. Once three runs have met in the best minimum no more are made. A solver that was chosen for the init
     and is not good enough at the result gives way to a better one, which goes on from there.
 
     Arguments
     ---------
-    starts : largest number of runs. seed : of the spread of starts. on_start : called with (runs done, largest number) after each.
+    starts : largest number of runs. seed : of the scrambling. on_start : called with (runs done, largest number) after each.
 
     Returns a Fit also where it failed: look at ``outcome`` and ``warnings``.
 
@@ -185,10 +196,9 @@ def fit(
 
 
 def _starting_points(problem: Problem, count: int, seed: int) -> np.ndarray:
-    """Shares between the bounds, (count, p): the init first, then points of which no two share a slice of any number's interval."""
+    """Shares between the bounds, (count, p): the init first, then a low-discrepancy sequence."""
     init = np.array([p.share(p.init) for p in problem.parameters])
-    ranks = np.argsort(np.random.default_rng(seed).random((count - 1, init.size)), axis=0)  # a Latin hypercube
-    return np.concatenate([init[None], (ranks + 0.5) / max(count - 1, 1)])
+    return np.concatenate([init[None], spread_points(len(init), count - 1, seed)])
 
 
 class _Run(NamedTuple):
@@ -245,13 +255,25 @@ def _same_minimum(problem: Problem, best: _Run, other: _Run) -> bool:
     return (other.start.chi2 - best.start.chi2) / variance <= SAME and float(np.sum(moved**2)) / variance <= MOVED
 
 
+def _minima(problem: Problem, runs: Sequence[_Run], variance: float) -> tuple[Minimum, ...]:
+    """Distinct minima, best first; runs that ended without a finite chi-square are in none."""
+    met: list[tuple[_Run, int]] = []
+    for run in runs:
+        known = next((i for i, (first, _) in enumerate(met) if _same_minimum(problem, first, run)), None)
+        if known is not None:
+            met[known] = (met[known][0], met[known][1] + 1)
+        elif math.isfinite(run.start.chi2):
+            met.append((run, 1))
+    return tuple(Minimum(run.start.last, run.start.chi2 / variance, count) for run, count in met)
+
+
 def _physical(jacobian: np.ndarray, slope: np.ndarray) -> np.ndarray:
     """Jacobians of the weighted residuals in physical units (..., n, p)."""
     return jacobian / np.maximum(slope, 1e-300)[..., None, :]
 
 
-def _jacobians_at(problem: Problem, points: np.ndarray) -> np.ndarray:
-    """The same at points in physical units (points, p)."""
+def jacobians_at(problem: Problem, points: np.ndarray) -> np.ndarray:
+    """Jacobians of the weighted residuals at points in physical units (points, p): (points, n, p)."""
     there = descend(problem.model, *_rows(problem, shares(problem.parameters, points)), np.array(True), _MAX_STEPS)
     return _physical(np.asarray(there.jacobian), np.asarray(there.slope))[: len(points)]
 
@@ -261,7 +283,7 @@ def _assemble(problem: Problem, runs: Sequence[_Run], seconds: float) -> Fit:
     x = best.start.last
     variance = least_variance(problem, best.start.chi2)
     jacobian = _physical(np.asarray(best.end.jacobian), np.asarray(best.end.slope))
-    known = uncertainty(problem.parameters, x, lambda points: _jacobians_at(problem, points), jacobian, variance)
+    known = uncertainty(problem.parameters, x, lambda points: jacobians_at(problem, points), jacobian, variance)
     flat = np.asarray(best.end.residual)
     sizes = np.cumsum([d.geometry.size for d in problem.data])[:-1]
     weighted = np.split(flat / math.sqrt(variance), sizes)
@@ -272,6 +294,7 @@ def _assemble(problem: Problem, runs: Sequence[_Run], seconds: float) -> Fit:
     stack = stack.set({tie.name: tie.factor * stack.get(tie.source) for tie in problem.ties})
     noise = math.sqrt(variance) if problem.estimates_noise else None
     chi2 = float(np.sum(flat**2)) / variance
+    minima = _minima(problem, runs, variance)
     return Fit(
         problem=problem,
         stack=stack,
@@ -283,13 +306,31 @@ def _assemble(problem: Problem, runs: Sequence[_Run], seconds: float) -> Fit:
         dof=dof,
         noise=noise,
         outcome=best.start.outcome,
-        warnings=tuple(_warnings(problem, runs, known, stack, chi2, dof, noise)),
+        warnings=tuple(_warnings(problem, runs, minima, known, stack, chi2, dof, noise)),
         starts=tuple(run.start for run in runs),
+        minima=minima,
         seconds=seconds,
     )
 
 
-def _warnings(problem: Problem, runs: Sequence[_Run], known: Uncertainty, stack: Stack, chi2: float, dof: int, noise: float | None) -> list[str]:
+def _rivals(problem: Problem, minima: Sequence[Minimum], known: Uncertainty) -> list[str]:
+    """What other minima, nearly as good, say of the numbers, where it is beyond the standard error."""
+    warnings = []
+    for other in minima[1:]:
+        if other.chi2 - minima[0].chi2 < _NEAR:
+            rows = zip(problem.parameters, minima[0].x.tolist(), other.x.tolist(), known.stderr, strict=True)
+            apart = [f"{p.name} = {there:.4g}" for p, x, there, sd in rows if sd is None or abs(there - x) > _APART * sd]
+            if apart:
+                more = other.chi2 - minima[0].chi2
+                warnings.append(
+                    f"another minimum, its chi-square higher by only {more:.2g}, has {', '.join(apart)}: beyond the standard errors given"
+                )
+    return warnings
+
+
+def _warnings(
+    problem: Problem, runs: Sequence[_Run], minima: Sequence[Minimum], known: Uncertainty, stack: Stack, chi2: float, dof: int, noise: float | None
+) -> list[str]:
     warnings = []
     best = runs[0]
     if best.start.outcome is not Outcome.CONVERGED:
@@ -298,11 +339,12 @@ def _warnings(problem: Problem, runs: Sequence[_Run], known: Uncertainty, stack:
     if len(runs) > 1 and met < len(runs):
         others = [run.start.chi2 / least_variance(problem, best.start.chi2) for run in runs if not _same_minimum(problem, best, run)]
         rival = min(others)
-        near = rival - chi2 < 9.0
+        near = rival - chi2 < _NEAR
         warnings.append(
             f"{met} of {len(runs)} starts reached the best minimum (chi-square {chi2:.4g}); the next one has {rival:.4g}"
             + (", which the data can hardly tell apart" if near else "")
         )
+    warnings.extend(_rivals(problem, minima, known))
     for parameter, bound, x in zip(problem.parameters, known.at_bound, best.start.last, strict=True):
         if bound:
             side = "lower" if x - parameter.low < parameter.high - x else "upper"

@@ -76,7 +76,7 @@ class Identification(eqx.Module):
     stated : that of both which is asked for, "absolute" or "relative".
     places : the given values that tell most, in order. extra : what would tell most besides, in order. Each with the sd that is left, the bounds
         of the free numbers being all that was known before.
-    values : predicted values of each measurement.
+    given : relative sd from all given values, the bounds known too (p,). values : predicted values of each measurement.
     """
 
     problem: Problem
@@ -85,6 +85,7 @@ class Identification(eqx.Module):
     stated: str = eqx.field(static=True)
     places: tuple[Step, ...]
     extra: tuple[Step, ...]
+    given: np.ndarray
     values: tuple[np.ndarray, ...]
 
     @property
@@ -243,6 +244,7 @@ def _assemble(
         stated="relative" if any(name.endswith(".amplitude") for name in problem.names) else "absolute",
         places=greedy(prior, weights[:rows], where[:rows], geometries, mine, x[asked], choose),
         extra=greedy(prior + weights[:rows].T @ weights[:rows], weights[rows:], where[rows:], geometries, mine, x[asked], choose),
+        given=np.sqrt(np.diag(np.linalg.inv(prior + weights[:rows].T @ weights[:rows]))),
         values=tuple(d.values for d in problem.data),
     )
 

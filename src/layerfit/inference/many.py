@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import InputError
-from .batch import Batch, physical, points_between
+from .batch import Batch, physical
 from .fit import MOVED, SAME, Outcome, least_variance
 from .least_squares import Descent
-from .parameters import shares, unbounded
+from .parameters import shares, spread_points, unbounded
 from .problem import Problem
 from .uncertainty import UNDETERMINED, covariances
 
@@ -161,7 +161,7 @@ def _ends(
     """The best end of each set, how many runs met in it, and how many were made."""
     problem, sets = batch.problem, len(values)
     init = np.array([p.share(p.init) for p in problem.parameters])
-    spread = points_between(problem, max(starts - 2, 0), seed)
+    spread = spread_points(len(problem.parameters), max(starts - 2, 0), seed)
     best, met, runs = None, np.ones(sets, int), np.zeros(sets, int)
     for number in range(starts):
         chosen = np.flatnonzero(met < _MET) if number > 1 else np.arange(sets)

@@ -204,3 +204,12 @@ def unbounded(share: np.ndarray) -> np.ndarray:
     """u at positions between the bounds; ends are moved in by 1e-4."""
     inside = np.clip(share, 1e-4, 1.0 - 1e-4)
     return np.log(inside / (1.0 - inside))
+
+
+def spread_points(dimensions: int, count: int, seed: int) -> np.ndarray:
+    """Points of the unit cube spread more evenly than by chance, (count, dimensions): a Sobol sequence scrambled by the seed."""
+    from scipy.stats import qmc  # slow to import, and one start needs none
+
+    if count == 0:
+        return np.empty((0, dimensions))
+    return qmc.Sobol(dimensions, rng=seed).random_base2((count - 1).bit_length())[:count]  # its balance holds for powers of two

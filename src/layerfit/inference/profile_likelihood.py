@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2 as chi2_distribution
+from scipy.special import chdtri
 
 from ..errors import InputError
 from .batch import Batch, edge_shares
@@ -100,7 +100,7 @@ def profile_likelihood(fit: Fit, name: str, *, levels: Sequence[float] = (0.68, 
             raise InputError(f"profile: level = {level!r}; allowed are numbers between 0 and 1")
     if not math.isfinite(fit.chi2):
         raise InputError("profile: the fit has no finite chi-square, so there is nothing to compare with")
-    rises = {float(level): float(chi2_distribution.ppf(level, 1)) for level in levels}
+    rises = {float(level): float(chdtri(1, 1.0 - level)) for level in levels}
     search = _Search(fit, problem.names.index(name))
     search.go(_BEYOND * max(rises.values()))
     search.sharpen(list(rises.values()))

@@ -10,7 +10,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from ..scene.drawing import stack_svg
-from .tables import chi_square_text, derived_rows, parameter_rows, solver_text, start_rows, versions
+from .tables import chi_square_text, derived_rows, minimum_rows, parameter_rows, solver_text, start_rows, versions
 
 if TYPE_CHECKING:
     from ..inference.fit import Fit
@@ -40,6 +40,7 @@ def _content(fit: "Fit") -> dict[str, Any]:
         "versions": versions(),
         "chi2": chi_square_text(fit.chi2),
         "starts": start_rows(fit),
+        "minima": minimum_rows(fit),
         "solver": solver_text(fit.problem.chosen),
         "references": fit.problem.chosen.references,
     }

@@ -45,10 +45,9 @@ def plot_identification(found: "Identification") -> Figure:
 def _fall(axis: Any, found: "Identification") -> None:
     """Relative sd after each value."""
     places, extra = found.places, found.extra
-    all_given = found.knowledge.relative[[found.knowledge.names.index(name) for name in found.problem.names]]
     labels = [_label(step) for step in places] + ["all given"] + [f"+ {_label(step)}" for step in extra]
     for i, name in enumerate(found.problem.names):
-        shares = [step.relative[i] for step in places] + [min(float(all_given[i]), 1e2)] + [step.relative[i] for step in extra]
+        shares = [step.relative[i] for step in places] + [found.given[i]] + [step.relative[i] for step in extra]
         axis.plot(range(len(labels)), shares, "o-", ms=4, lw=1.2, color=_COLOURS[i % len(_COLOURS)], label=name)
     axis.axhline(UNDETERMINED, color="#666666", lw=0.8, ls="--")
     axis.axvspan(len(places) - 0.5, len(places) + 0.5, color="#999999", alpha=0.15, lw=0)

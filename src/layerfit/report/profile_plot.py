@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from .tables import unit_text
 
@@ -21,14 +21,14 @@ def plot_profile(profile: "ProfileLikelihood") -> Figure:
     parameter = profile.fit.problem.parameters[index]
     figure = Figure(figsize=(7.0, 6.0), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
-    highest = max(float(chi2.ppf(level, 1)) for level in profile.intervals)
+    highest = max(float(chdtri(1, 1.0 - level)) for level in profile.intervals)
     upper.plot(profile.values, profile.delta, "o-", ms=4, color=_PROFILE, label="profile likelihood")
     estimate = profile.fit.parameters[profile.name]
     if estimate.stderr:
         x = np.linspace(profile.values[0], profile.values[-1], 400)
         upper.plot(x, ((x - estimate.value) / estimate.stderr) ** 2, "--", lw=1, color=_PARABOLA, label="standard error")
     for level, interval in profile.intervals.items():
-        rise = float(chi2.ppf(level, 1))
+        rise = float(chdtri(1, 1.0 - level))
         upper.axhline(rise, color="#888888", lw=0.8)
         upper.annotate(f"{100 * level:g} %", (1.0, rise), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize="small")
         for end, is_open in ((interval.low, interval.low_open), (interval.high, interval.high_open)):

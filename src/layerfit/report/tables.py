@@ -62,6 +62,11 @@ def start_rows(fit: "Fit") -> list[str]:
     return [chi_square_text(start.chi2 if fit.noise is None else start.chi2 / fit.noise**2) for start in fit.starts]
 
 
+def minimum_rows(fit: "Fit") -> list[list[str]]:
+    """One row a minimum: chi-square, how many starts, its numbers; best first."""
+    return [[chi_square_text(m.chi2), str(m.starts), *(f"{value:.4g}" for value in m.x.tolist())] for m in fit.minima]
+
+
 def parameter_rows(fit: "Fit") -> list[dict[str, str]]:
     """One row a free number, as text."""
     rows = []
@@ -138,4 +143,7 @@ def fit_text(fit: "Fit") -> str:
     lines.append(f"  solver {solver_text(fit.problem.chosen)}")
     for row in rows:
         lines.append(f"  {row['name']:<{widths['name']}}  {row['value']:<{widths['value']}}  {row['unit']:<{widths['unit']}}  {row['note']}".rstrip())
+    if len(fit.minima) > 1:
+        cells = [("minimum", "chi-square", "starts", *fit.problem.names), *((str(i), *row) for i, row in enumerate(minimum_rows(fit), 1))]
+        lines += [f"  {line}" for line in aligned(cells, left=(0,))]
     return "\n".join([*lines, *(f"  ! {warning}" for warning in fit.warnings)])
