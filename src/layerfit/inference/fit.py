@@ -17,7 +17,7 @@ from ..scene.stack import Stack
 from .least_squares import Descent, descend
 from .parameters import shares, spread_points, unbounded
 from .problem import Problem
-from .uncertainty import Uncertainty, correlation, uncertainty, verdicts
+from .uncertainty import UNDETERMINED, Uncertainty, correlation, uncertainty, verdicts
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -283,7 +283,7 @@ def _assemble(problem: Problem, runs: Sequence[_Run], seconds: float) -> Fit:
     x = best.start.last
     variance = least_variance(problem, best.start.chi2)
     jacobian = _physical(np.asarray(best.end.jacobian), np.asarray(best.end.slope))
-    known = uncertainty(problem.parameters, x, lambda points: jacobians_at(problem, points), jacobian, variance)
+    known = uncertainty(problem.parameters, x, lambda points: jacobians_at(problem, points), jacobian, np.asarray(best.end.residual), variance)
     flat = np.asarray(best.end.residual)
     sizes = np.cumsum([d.geometry.size for d in problem.data])[:-1]
     weighted = np.split(flat / math.sqrt(variance), sizes)
@@ -344,13 +344,16 @@ def _warnings(
             f"{met} of {len(runs)} starts reached the best minimum (chi-square {chi2:.4g}); the next one has {rival:.4g}"
             + (", which the data can hardly tell apart" if near else "")
         )
-    warnings.extend(_rivals(problem, minima, known))
+    rivals = _rivals(problem, minima, known)
+    warnings.extend(rivals)
     for parameter, bound, x in zip(problem.parameters, known.at_bound, best.start.last, strict=True):
         if bound:
             side = "lower" if x - parameter.low < parameter.high - x else "upper"
-            warnings.append(
-                f"{parameter.name} is at its {side} bound ({x:.4g} {parameter.unit}); it has no standard error, and the others hold with it there"
-            )
+            held = f"{parameter.name} is at its {side} bound ({x:.4g} {parameter.unit})"
+            warnings.append(f"{held}; it has no standard error, and those of the others allow for its moving inside")
+    beyond = [p.name for p, sd in zip(problem.parameters, known.relative, strict=True) if not sd <= UNDETERMINED]
+    if (beyond or rivals) and any(name.endswith(".amplitude") for name in problem.names):
+        warnings.append("ill-posed: these data are relative (the amplitude is free) and do not determine all numbers; rely on none of them alone")
     warnings.extend(verdicts(problem.parameters, known.relative))
     warnings.extend(known.directions)
     contradicted = False

@@ -232,7 +232,7 @@ def _assemble(batch: Batch, values: np.ndarray, sd: np.ndarray, end: Descent, me
     def around(points: np.ndarray, owner: np.ndarray) -> np.ndarray:
         return batch.jacobians(points, values[owner], sd[owner])[1]
 
-    known = covariances(problem.parameters, np.asarray(end.x), around, jacobian, variance)
+    known = covariances(problem.parameters, np.asarray(end.x), around, jacobian, np.asarray(end.residual), variance)
     lost = known.at_bound | ~np.isfinite(known.relative)
     outcome = np.where(np.isfinite(chi2), np.where(end.converged, Outcome.CONVERGED, Outcome.MAX_STEPS), Outcome.NOT_FINITE)
     return ManyFits(

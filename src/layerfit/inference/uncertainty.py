@@ -55,10 +55,15 @@ Jacobians = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def uncertainty(
-    parameters: Sequence[FreeParameter], x: np.ndarray, jacobians_at: Callable[[np.ndarray], np.ndarray], jacobian: np.ndarray, variance: float
+    parameters: Sequence[FreeParameter],
+    x: np.ndarray,
+    jacobians_at: Callable[[np.ndarray], np.ndarray],
+    jacobian: np.ndarray,
+    residual: np.ndarray,
+    variance: float,
 ) -> Uncertainty:
     """Uncertainty at the minimum x: `covariances` of one minimum, in words too. jacobians_at : (points, p) to (points, n, p)."""
-    found = covariances(parameters, x[None], lambda points, _: jacobians_at(points), jacobian[None], np.array([variance]))
+    found = covariances(parameters, x[None], lambda points, _: jacobians_at(points), jacobian[None], residual[None], np.array([variance]))
     covariance, relative, at_bound = found.covariance[0], found.relative[0], found.at_bound[0]
     known = ~at_bound & np.isfinite(relative)
     stderr = tuple(float(sd) if known[i] else None for i, sd in enumerate(np.sqrt(np.diag(covariance)).tolist()))
@@ -74,16 +79,18 @@ def covariances(
     x: Float[np.ndarray, "m p"],
     jacobians_at: Jacobians,
     jacobian: Float[np.ndarray, "m n p"],
+    residual: Float[np.ndarray, "m n"],
     variance: Float[np.ndarray, "m"],
 ) -> Covariances:
     """Covariance at each of many minima x.
 
-    jacobian : of the weighted residuals at x, in physical units. jacobians_at : the same at other points, (q, p) to (q, n, p), with the minimum that
-    each belongs to (q,). variance : of a residual, 1 where the sd are known.
+    residual, jacobian : the weighted residuals at x and their Jacobian in physical units. jacobians_at : the Jacobian at other points, (q, p) to
+    (q, n, p), with the minimum that each belongs to (q,). variance : of a residual, 1 where the sd are known.
 
     The covariance is the mean of that of the linearised model over the Gaussian which it describes, by the cubature rule of degree 3: points at
     +-sqrt(p) standard deviations along its p principal axes (Arasaratnam and Haykin, IEEE Trans. Autom. Control 54, 1254 (2009), eq 32). For a
     linear model it is the usual one; where the slopes change within the range that the data allow, the value at the minimum alone is too small.
+    A number at a bound has no variance, but it could lie inside: how far the others follow it until chi-square has risen by 1 is added to theirs.
     """
     share = shares(parameters, x)
     at_bound = (share < _AT_BOUND) | (share > 1.0 - _AT_BOUND)
@@ -97,6 +104,10 @@ def covariances(
             continue
         inner, blind = _averaged(parameters, x[rows], free, rows, jacobians_at, jacobian[rows], variance[rows])
         scale = natural_scales(parameters, x[rows])[:, free]
+        for bound in np.flatnonzero(pattern).tolist():
+            width = parameters[bound].high - parameters[bound].low
+            inward = np.where(share[rows, bound] < 0.5, width, -width)[:, None] * jacobian[rows, :, bound]
+            inner = inner + _following(jacobian[rows][:, :, free] * scale[:, None], inward, residual[rows], variance[rows])
         covariance[rows[:, None, None], free[:, None], free] = inner * scale[:, :, None] * scale[:, None, :]
         relative[rows[:, None], free] = np.where(blind, math.inf, np.sqrt(np.diagonal(inner, axis1=1, axis2=2)))
     return Covariances(covariance, at_bound, relative)
@@ -127,6 +138,22 @@ def _averaged(
     counts = usable.reshape(len(x), -1).sum(axis=1)[:, None, None]
     mean = around.reshape(len(x), -1, free.size, free.size).sum(axis=1) / np.maximum(counts, 1)
     return np.where(counts > 0, mean, linear_covariance(scaled, variance)), ~np.any(scaled != 0.0, axis=1)
+
+
+def _following(
+    scaled: Float[np.ndarray, "m n q"], inward: Float[np.ndarray, "m n"], residual: Float[np.ndarray, "m n"], variance: Float[np.ndarray, "m"]
+) -> Float[np.ndarray, "m q q"]:
+    """Square of how far the free numbers follow one that moves off its bound until chi-square has risen by 1, or all the way.
+
+    inward : slopes of the weighted residuals along the way from bound to bound.
+    """
+    follow = -np.einsum("mpq,mnq,mn->mp", linear_covariance(scaled, np.ones(len(scaled))), scaled, inward)
+    left = inward + np.einsum("mnp,mp->mn", scaled, follow)
+    slope = np.maximum(np.sum(residual * left, axis=1), 0.0) / variance
+    bend = np.maximum(np.sum(left**2, axis=1) / variance, 1e-300)
+    way = np.minimum(1.0 / (slope + np.sqrt(slope**2 + bend)), 1.0)  # bend way^2 + 2 slope way = 1
+    moved = follow * way[:, None]
+    return moved[:, :, None] * moved[:, None, :]
 
 
 def _spread(scaled: Float[np.ndarray, "m n q"], variance: Float[np.ndarray, "m"]) -> tuple[Float[np.ndarray, "m q q"], Float[np.ndarray, "m q"]]:
