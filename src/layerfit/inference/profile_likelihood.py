@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 _BEYOND = 1.25  # how far over the highest level a profile goes
 _GRID = (0.35, 0.7, 1.0, 1.4, 1.8, 2.2, 2.7)  # first points, in standard errors
 _ROUNDS = 8
+_SHARPER = 4  # secant steps towards each crossing
 _UNKNOWN = 0.1  # first guess of the sd, in shares of the interval, where the fit has none
 _BETTER = 0.01  # gain in chi-square from which a better minimum is reported
 
@@ -178,7 +179,7 @@ class _Search:
 
     def sharpen(self, rises: Sequence[float]) -> None:
         """Points where the profile crosses each level."""
-        for _ in range(2):
+        for _ in range(_SHARPER):
             share, rise, _x = self.profile()
             self._add([where for level in rises for where in _crossings(share, rise, level) if where is not None])
 
