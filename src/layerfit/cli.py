@@ -129,8 +129,8 @@ def fit(scene: Path, out: Path, solver: str | None, starts: int | None) -> None:
     description = read_scene(scene)
     problem = description.problem(solver)
     from .files import writable_folder
-    from .inference.fit import Outcome
     from .inference.fit import fit as run
+    from .inference.result import Outcome
 
     writable_folder(out)
     with _progress("fitting") as advance:
@@ -273,6 +273,27 @@ def compare(scene: Path, tolerance: float | None, photons: int | None, seed: int
     paths = result.save(folder)
     click.echo(result.summary())
     click.echo(f"figure: {paths['comparison.svg']}")
+
+
+@main.command()
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.option("--solver", metavar="NAME", help="Solver, instead of the one in the file.")
+@click.option("--choose", type=click.IntRange(1), default=6, show_default=True, metavar="K", help="How many of the best values to name.")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder for table and figure (default: NAME-identify beside SCENE).")
+def identify(scene: Path, solver: str | None, choose: int, out: Path | None) -> None:
+    """Say what the measurements of SCENE could tell.
+
+    Needs no data: x and noise of each measurement, and what is free.
+    """
+    _keep_compilations()
+    from .files import writable_folder
+    from .scene_file import read_scene
+
+    description = read_scene(scene)
+    result = description.identify(solver, choose)
+    paths = result.save(writable_folder(scene.parent / f"{scene.stem}-identify" if out is None else out))
+    click.echo(result.summary())
+    click.echo(f"figure: {paths['identify.svg']}")
 
 
 @main.command()

@@ -14,12 +14,14 @@ from .errors import InputError
 from .measurement.csv_file import Table, dataset_from_table, geometry_from_table, read_table, read_text
 from .measurement.dataset import Dataset, Noise, check_measurement_name
 from .measurement.geometry import GEOMETRIES, Angular, Geometry, Incident, Radial, SpatialFrequency, Total, TotalReflectance
+from .measurement.planned import Planned
 from .measurement.source import SOURCES, Detector, Source
 from .scene.layer import HalfSpace, Layer
 from .scene.stack import Stack
 from .solver import Solver, solver_by_name
 
 if TYPE_CHECKING:
+    from .inference.identify import Identification
     from .inference.problem import Problem
 
 
@@ -104,6 +106,7 @@ class Measurement:
     dataset: Dataset | None
     file: Path | None
     likelihood: Any = None
+    noise: Noise | None = None
 
 
 @dataclass(frozen=True)
@@ -143,6 +146,28 @@ class SceneFile:
                 f"{self.path}: measurement '{lacking.name}' has no values; a fit needs a file with a column 'value' (or value, for a total)"
             )
         return [m.dataset for m in self.measurements if m.dataset is not None]
+
+    def planned(self) -> list[Dataset | Planned]:
+        """All measurements, made or not, with their noise. Raises InputError where a measurement has none."""
+        for m in self.measurements:
+            if m.noise is None and (m.dataset is None or m.dataset.sd is None):
+                raise InputError(
+                    f"{self.path}: measurement '{m.name}' has no noise, on which all depends that it could tell; "
+                    "give noise = {relative = 0.02} (or a column 'sd' beside the values)"
+                )
+        return [m.dataset if m.dataset is not None else Planned(m.geometry, m.noise or Noise(), m.name) for m in self.measurements]
+
+    def identify(self, solver: str | None = None, choose: int = 6) -> "Identification":
+        """What the measurements of the file could tell. Raises InputError where it does not fit together."""
+        from .inference.identify import identify
+
+        data, chosen = self.planned(), self.solver(solver)
+        try:
+            return identify(
+                self.stack, data, free=_dotted(self.free), ties=_dotted(self.ties), likelihood=self._likelihoods(), solver=chosen, choose=choose
+            )
+        except InputError as error:
+            raise InputError(f"{self.path}: {error}") from None
 
     def problem(self, solver: str | None = None) -> "Problem":
         """The fit that the file describes. Raises InputError where it does not fit together."""
@@ -243,13 +268,13 @@ def _measurement_at(path: Path, name: str, table: _Measurement) -> Measurement:
         data: Table = read_table(path.parent / table.file)
         geometry = geometry_from_table(data, table.kind, source=source, detector=detector, **options)
         dataset = dataset_from_table(data, geometry, noise=noise, exposure=table.exposure, name=name) if "value" in data.columns else None
-        return Measurement(name, geometry, dataset, data.path)
+        return Measurement(name, geometry, dataset, data.path, noise=noise)
     geometry = _inline(table, cls, source, detector, options)
     dataset = None
     if table.value is not None:
         sd = None if table.sd is None else [table.sd]
         dataset = Dataset(geometry, [table.value], sd, noise=noise if sd is None else None, exposure=table.exposure, name=name)
-    return Measurement(name, geometry, dataset, None)
+    return Measurement(name, geometry, dataset, None, noise=noise)
 
 
 def _check_keys(table: _Measurement, cls: type[Geometry]) -> None:

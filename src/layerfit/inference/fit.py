@@ -4,152 +4,27 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from enum import StrEnum
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import numpy as np
 
 from ..errors import InputError
 from ..scene.stack import Stack
 from .least_squares import Descent, descend
-from .parameters import unbounded
+from .parameters import shares, spread_shares, unbounded
 from .parts import Parts, parts
 from .problem import Problem
-from .remarks import on_numbers, on_quality, on_solver, rivals
-from .uncertainty import Uncertainty, correlation, uncertainty
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from .remarks import on_numbers, on_quality, on_solver, on_starts, rivals
+from .result import Fit, Minimum, Outcome, Start
+from .uncertainty import Uncertainty, uncertainty
 
 _MAX_STEPS = 200
-_SAME = 0.1  # two ends are one minimum if their chi-squares differ by less than this
+SAME = 0.1  # two ends are one minimum if their chi-squares differ by less than this,
+MOVED = 1.0  # and their residuals, by the slopes at the better one, by less than this (sum of squares)
 _CLIMBS = 3  # different minima of least squares from which a maximum of the posterior density is looked for
 _ENOUGH = 3  # starts that reach the best minimum, after which no more are made
 _LEAST_NOISE = 1e-7  # relative noise below which an estimated one is rounding
-
-
-class Outcome(StrEnum):
-    """How a fit, or one start of it, ended."""
-
-    CONVERGED = "converged"
-    MAX_STEPS = "stopped at the largest number of steps"
-    NOT_FINITE = "residuals are not finite"
-
-
-class Start(eqx.Module):
-    """One run of the fit: where it began and ended (physical units), its chi-square, and how often it stepped."""
-
-    first: np.ndarray
-    last: np.ndarray
-    chi2: float = eqx.field(static=True)
-    steps: int = eqx.field(static=True)
-    outcome: Outcome = eqx.field(static=True)
-
-
-class Estimate(eqx.Module):
-    """One fitted number.
-
-    stderr : 1 standard deviation, None at a bound or where the data do not depend on it. parts : what of it comes from the noise, the model's error
-    and the priors (their squares add up), None where the model error is off.
-    """
-
-    value: float = eqx.field(static=True)
-    stderr: float | None = eqx.field(static=True)
-    unit: str = eqx.field(static=True)
-    at_bound: bool = eqx.field(static=True)
-    parts: Parts | None = eqx.field(static=True, default=None)
-
-
-class Fit(eqx.Module):
-    """The result of `fit`. Nothing of the problem was changed.
-
-    Attributes
-    ----------
-    stack : the fitted stack, of the same structure as the guess.
-    x, covariance : numbers in the order of problem.names and their covariance (p, p), physical units.
-    residuals, predictions : for each dataset (prediction - value)/sd and the prediction; the sd holds correlated noise and the model's error too.
-    chi2, dof, chi2_reduced : sum of squares of all residuals (whitened where they are correlated, the deviance of Student's t and of counts), values
-        minus free numbers, and their ratio. Priors are no data: they count in neither.
-    noise : the relative noise estimated from the fit, None where sd were given. The covariance uses it, and chi2_reduced is then 1.
-    outcome, warnings : how it ended, and what to keep in mind.
-    starts : all runs, best first. seconds : wall time.
-    """
-
-    problem: Problem
-    stack: Stack
-    x: np.ndarray
-    uncertainty: Uncertainty
-    residuals: tuple[np.ndarray, ...]
-    predictions: tuple[np.ndarray, ...]
-    chi2: float = eqx.field(static=True)
-    dof: int = eqx.field(static=True)
-    noise: float | None = eqx.field(static=True)
-    outcome: Outcome = eqx.field(static=True)
-    warnings: tuple[str, ...] = eqx.field(static=True)
-    starts: tuple[Start, ...]
-    seconds: float = eqx.field(static=True)
-    parts: tuple[Parts | None, ...] = eqx.field(static=True)
-
-    @property
-    def covariance(self) -> np.ndarray:
-        """Covariance in physical units (p, p); 0 beside numbers at a bound."""
-        return self.uncertainty.covariance
-
-    @property
-    def references(self) -> tuple[Stack, ...]:
-        """The fitted stacks of reference samples."""
-        return tuple(sample.scene.stack(self.x) for sample in self.problem.model.samples[1:])
-
-    @property
-    def correlation(self) -> np.ndarray:
-        """Correlation matrix (p, p)."""
-        return correlation(self.covariance)
-
-    @property
-    def chi2_reduced(self) -> float:
-        """chi2/dof; NaN without degrees of freedom."""
-        return self.chi2 / self.dof if self.dof > 0 else math.nan
-
-    @property
-    def parameters(self) -> dict[str, Estimate]:
-        """Fitted numbers by name."""
-        u = self.uncertainty
-        rows = zip(self.problem.parameters, self.x, u.stderr, u.at_bound, self.parts, strict=True)
-        return {p.name: Estimate(float(x), stderr, p.unit, bound, parts) for p, x, stderr, bound, parts in rows}
-
-    def plot(self) -> "Figure":
-        """Data, fit and residuals as a matplotlib figure."""
-        from ..report.plots import plot_fit
-
-        return plot_fit(self)
-
-    def plot_correlation(self) -> "Figure":
-        """The correlation matrix as a matplotlib figure."""
-        from ..report.plots import plot_correlation
-
-        return plot_correlation(self)
-
-    def summary(self) -> str:
-        """The result as plain text."""
-        from ..report.tables import fit_text
-
-        return fit_text(self)
-
-    def save(self, folder: Any) -> dict[str, Any]:
-        """Write fit.json, the fitted curves as CSV, figures and report.html into a folder; returns their paths by name."""
-        from ..report.archive import save_fit
-
-        return save_fit(self, folder)
-
-    def __repr__(self) -> str:
-        return self.summary()
-
-    def _repr_html_(self) -> str:
-        from ..report.html import fit_fragment
-
-        return fit_fragment(self)
 
 
 def fit(
@@ -161,7 +36,7 @@ def fit(
 ) -> Fit:
     """Fit a problem: least squares, normal priors among the residuals.
 
-    The first run starts at the parameters' init, further ones at points spread evenly between the bounds, in a fixed order. Each goes first for the
+    The first run starts at the parameters' init, further ones at points of a scrambled Sobol sequence between the bounds. Each goes first for the
     logarithms of the data, then for the data. Once three runs have met in the best minimum no more are made. A solver that was chosen for the init
     and is not good enough at the result gives way to a better one, which goes on from there. A model error is taken as stated at the result, once.
 
@@ -170,7 +45,7 @@ def fit(
 
     Arguments
     ---------
-    starts : largest number of runs. seed : of the spread of starts. on_start : called with (runs done, largest number) after each.
+    starts : largest number of runs. seed : of the scrambling. on_start : called with (runs done, largest number) after each.
 
     Returns a Fit also where it failed: look at ``outcome`` and ``warnings``.
 
@@ -191,7 +66,7 @@ def fit(
         result = _assemble(better, runs, time.perf_counter() - began)
     if problem.model_error != "off" and np.all(np.isfinite(result.x)):
         again = result.problem.with_errors_at(result.x, result.predictions)
-        result = _assemble(again, _search(again, _shares(again, result.x[None]), None), time.perf_counter() - began)
+        result = _assemble(again, _search(again, shares(again.parameters, result.x[None]), None), time.perf_counter() - began)
     return result
 
 
@@ -212,7 +87,7 @@ def _climb(problem: Problem, runs: "list[_Run]") -> "list[_Run]":
         ended.append(run)
     out = []
     for run in ended:
-        there = maximise(problem, _shares(problem, run.start.last[None])[0], _MAX_STEPS)
+        there = maximise(problem, shares(problem.parameters, run.start.last[None])[0], _MAX_STEPS)
         x = np.asarray(problem.model.coordinates.between(there.share))
         outcome = Outcome.NOT_FINITE if not math.isfinite(there.value) else Outcome.CONVERGED if there.converged else Outcome.MAX_STEPS
         start = Start(run.start.first, x, there.value, run.start.steps + there.steps, outcome)
@@ -223,20 +98,14 @@ def _climb(problem: Problem, runs: "list[_Run]") -> "list[_Run]":
     for start, share in out:
         u = unbounded(share)
         slope = np.asarray(jax.jvp(problem.model.coordinates.physical, (u,), (np.ones_like(u),))[1])
-        climbed.append(_Run(start, _End(u, slope, np.zeros(0), root * slope)))
+        climbed.append(_Run(start, _End(u, slope, np.zeros(len(root)), root * slope)))
     return climbed
 
 
-def _shares(problem: Problem, points: np.ndarray) -> np.ndarray:
-    """Positions between the bounds (points, p) of points in physical units."""
-    return np.array([[p.share(float(v)) for p, v in zip(problem.parameters, x, strict=True)] for x in points])
-
-
 def _starting_points(problem: Problem, count: int, seed: int) -> np.ndarray:
-    """Shares between the bounds, (count, p): the init first, then points of which no two share a slice of any number's interval."""
+    """Shares between the bounds, (count, p): the init first, then a low-discrepancy sequence."""
     init = np.array([p.share(p.init) for p in problem.parameters])
-    ranks = np.argsort(np.random.default_rng(seed).random((count - 1, init.size)), axis=0)  # a Latin hypercube
-    return np.concatenate([init[None], (ranks + 0.5) / max(count - 1, 1)])
+    return np.concatenate([init[None], spread_shares(len(init), count - 1, seed)])
 
 
 class _End(NamedTuple):
@@ -253,11 +122,11 @@ class _Run(NamedTuple):
     end: _End
 
 
-def _rows(problem: Problem, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates at shares between the bounds, filled up to the one number of rows that is compiled; and how many count."""
+def _rows(problem: Problem, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates at places (shares) between the bounds, filled up to the one number of rows that is compiled; and how many count."""
     u = np.zeros((2 * len(problem.parameters), len(problem.parameters)))  # as many as the cubature rule has points
-    u[: len(shares)] = unbounded(shares)
-    return u, np.array(len(shares))
+    u[: len(places)] = unbounded(places)
+    return u, np.array(len(places))
 
 
 def _run_one(problem: Problem, share: np.ndarray) -> _Run:
@@ -286,21 +155,33 @@ def _run_all(problem: Problem, points: np.ndarray, on_start: Callable[[int, int]
     return sorted(runs, key=lambda run: run.start.chi2)
 
 
-def _variance(problem: Problem, best: _Run) -> float:
-    """Variance of a residual: 1 where sd are given (or the noise is part of the density), else estimated from the best minimum."""
+def least_variance(problem: Problem, square: float) -> float:
+    """Variance of a residual: 1 where sd are given (or the noise is part of the density), else from the least sum of squares."""
     if not (problem.estimates_noise and problem.least_squares):
         return 1.0
     dof = max(sum(d.geometry.size for d in problem.data) - len(problem.parameters), 1)
-    return max(best.start.chi2 / dof, _LEAST_NOISE**2)
+    return max(square / dof, _LEAST_NOISE**2)
 
 
 def _same_minimum(problem: Problem, best: _Run, other: _Run) -> bool:
     """Whether two runs ended in one minimum: nearly the same chi-square, and nearly the same residuals by the slopes at the best."""
     if not math.isfinite(other.start.chi2):
         return False
-    variance = _variance(problem, best)
+    variance = least_variance(problem, best.start.chi2)
     moved = best.end.jacobian @ (other.end.u - best.end.u)
-    return (other.start.chi2 - best.start.chi2) / variance <= _SAME and float(np.sum(moved**2)) / variance <= 10.0 * _SAME
+    return (other.start.chi2 - best.start.chi2) / variance <= SAME and float(np.sum(moved**2)) / variance <= MOVED
+
+
+def _minima(problem: Problem, runs: Sequence[_Run]) -> list[tuple[_Run, int]]:
+    """The best run of each distinct minimum and how many ended there, best first; runs without a finite chi-square are in none."""
+    met: list[tuple[_Run, int]] = []
+    for run in runs:
+        known = next((i for i, (first, _) in enumerate(met) if _same_minimum(problem, first, run)), None)
+        if known is not None:
+            met[known] = (met[known][0], met[known][1] + 1)
+        elif math.isfinite(run.start.chi2):
+            met.append((run, 1))
+    return met
 
 
 def _physical(jacobian: np.ndarray, slope: np.ndarray) -> np.ndarray:
@@ -308,32 +189,32 @@ def _physical(jacobian: np.ndarray, slope: np.ndarray) -> np.ndarray:
     return jacobian / np.maximum(slope, 1e-300)[..., None, :]
 
 
-def _jacobians_at(problem: Problem, points: np.ndarray) -> np.ndarray:
+def jacobians_at(problem: Problem, points: np.ndarray) -> np.ndarray:
     """The same at points in physical units (points, p), or the roots of Hessians that stand in their place."""
-    shares = _shares(problem, points)
+    places = shares(problem.parameters, points)
     if problem.least_squares:
-        return _linearised(problem, shares)[1]
+        return linearised(problem, places)[1]
     from .maximum import root_of_hessian
 
-    return np.array([root_of_hessian(problem, share) for share in shares])
+    return np.array([root_of_hessian(problem, place) for place in places])
 
 
-def _linearised(problem: Problem, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Weighted residuals (points, n) and their Jacobians in physical units (points, n, p)."""
-    there = descend(problem.model, *_rows(problem, shares), np.array(True), _MAX_STEPS)
-    rows = slice(len(shares))
+def linearised(problem: Problem, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weighted residuals (points, n) and their Jacobians in physical units (points, n, p) at shares between the bounds."""
+    there = descend(problem.model, *_rows(problem, places), np.array(True), _MAX_STEPS)
+    rows = slice(len(places))
     return np.asarray(there.residual)[rows], _physical(np.asarray(there.jacobian), np.asarray(there.slope))[rows]
 
 
 def _assemble(problem: Problem, runs: Sequence[_Run], seconds: float) -> Fit:
     best = runs[0]
     x = best.start.last
-    variance = _variance(problem, best)
+    variance = least_variance(problem, best.start.chi2)
     jacobian = _physical(np.asarray(best.end.jacobian), np.asarray(best.end.slope))
-    known = uncertainty(problem.parameters, x, lambda points: _jacobians_at(problem, points), jacobian, variance)
+    known = uncertainty(problem.parameters, x, lambda points: jacobians_at(problem, points), jacobian, np.asarray(best.end.residual), variance)
     residuals, slopes = np.asarray(best.end.residual), jacobian
     if not problem.least_squares:
-        residuals, slopes = (found[0] for found in _linearised(problem, _shares(problem, x[None])))
+        residuals, slopes = (found[0] for found in linearised(problem, shares(problem.parameters, x[None])))
     scatter, count = problem.model.scatter, sum(d.geometry.size for d in problem.data)
     ends = np.cumsum([d.geometry.size for d in problem.data])
     flat = np.split(residuals[:count], ends[:-1])
@@ -353,6 +234,10 @@ def _assemble(problem: Problem, runs: Sequence[_Run], seconds: float) -> Fit:
     if problem.model_error != "off" and np.all(np.isfinite(slopes)) and np.all(np.isfinite(jacobian)):
         inside = np.flatnonzero(~np.array(known.at_bound))
         split = parts(scatter, slopes[:count], jacobian.T @ jacobian, inside, known.stderr, scale)
+    minima = tuple(
+        Minimum(run.start.last, chi2 + (run.start.chi2 - best.start.chi2) / (variance if problem.least_squares else 1.0), met)
+        for run, met in _minima(problem, runs)
+    )
     starts = [run.start for run in runs]
     if not problem.least_squares:  # on the scale of the data's
         starts = [Start(s.first, s.last, (s.chi2 - best.start.chi2 + chi2) * size**2, s.steps, s.outcome) for s in starts]
@@ -370,19 +255,23 @@ def _assemble(problem: Problem, runs: Sequence[_Run], seconds: float) -> Fit:
         dof=dof,
         noise=noise,
         outcome=best.start.outcome,
-        warnings=tuple(_remarks(problem, runs, known, stack, chi2, dof, noise)),
+        warnings=tuple(_remarks(problem, runs, minima, known, stack, chi2, dof, noise)),
         starts=tuple(starts),
+        minima=minima,
         seconds=seconds,
         parts=tuple(split),
     )
 
 
-def _remarks(problem: Problem, runs: Sequence[_Run], known: Uncertainty, stack: Stack, chi2: float, dof: int, noise: float | None) -> list[str]:
+def _remarks(
+    problem: Problem, runs: Sequence[_Run], minima: Sequence[Minimum], known: Uncertainty, stack: Stack, chi2: float, dof: int, noise: float | None
+) -> list[str]:
     """All that is to be said beside the numbers."""
-    best, variance = runs[0], _variance(problem, runs[0])
+    best, variance = runs[0], least_variance(problem, runs[0].start.chi2)
     said = [] if best.start.outcome is Outcome.CONVERGED else [f"the fit did not converge: {best.start.outcome.value}"]
     others = [run.start.chi2 / variance for run in runs if not _same_minimum(problem, best, run)]
-    said += rivals(best.start.chi2 / variance, others, len(runs))
-    said += on_numbers(problem.parameters, best.start.last, known)
+    said += on_starts(best.start.chi2 / variance, others, len(runs))
+    near = rivals(problem.parameters, minima, known)
+    said += [*near, *on_numbers(problem.parameters, best.start.last, known, rivalled=bool(near))]
     said += on_quality(problem, chi2, dof, noise)
     return list(dict.fromkeys([*said, *on_solver(problem, stack)]))

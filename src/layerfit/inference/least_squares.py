@@ -21,12 +21,12 @@ from ..arrays import AnyArray
 from .model import Model
 
 _LONGEST = 2.0  # largest step in one coordinate; the logistic map turns over on this scale
-_STALLED = 1e-9  # relative gain below which a step counts as none
+STALLED = 1e-9  # relative gain below which a step counts as none
 _PROBE = 0.1  # share of a step at which its bending is measured
 _MOST_BENT = 0.75  # longest correction by the bending, in steps
 _FIRST_STEP_SIZE = 100.0
 _FASTEST = 5.0  # growth of the step size after a good step, at most
-_COARSE = 1e4  # how much sooner the descent on logarithms stops, from which the other one goes on
+COARSE = 1e4  # how much sooner the descent on logarithms stops, from which the other one goes on
 
 
 class _State(eqx.Module):
@@ -42,7 +42,8 @@ class _State(eqx.Module):
 class LevenbergMarquardt(optx.AbstractLeastSquaresSolver[Float[Array, "p"], Float[Array, "n"], None, _State]):
     """Stops when a step is small, or when two steps in a row gain nothing.
 
-    rtol, atol : of a step in the coordinates, times options["coarse"]. With options["linearise"] it stops where it starts, the Jacobian done.
+    rtol, atol : of a step in the coordinates, times options["coarse"]. A step that gains less than options["stalled"] of the sum of squares gains
+    nothing. With options["linearise"] it stops where it starts, the Jacobian done.
     """
 
     rtol: float = 1e-9
@@ -64,7 +65,7 @@ class LevenbergMarquardt(optx.AbstractLeastSquaresSolver[Float[Array, "p"], Floa
         bend = jax.lax.cond(state.first, jnp.zeros_like, lambda straight: self._bend(fn, y, args, state, damped, scale, straight), straight)
         delta = jnp.clip(straight + bend, -_LONGEST, _LONGEST)
         trial = y + delta
-        residual, jacobian = _value_and_jacobian(lambda y: fn(y, args)[0], trial)
+        residual, jacobian = value_and_jacobian(lambda y: fn(y, args)[0], trial)
 
         before, after = jnp.sum(state.residual**2), jnp.sum(residual**2)
         predicted = before - jnp.sum((state.jacobian @ straight + state.residual) ** 2)
@@ -74,7 +75,7 @@ class LevenbergMarquardt(optx.AbstractLeastSquaresSolver[Float[Array, "p"], Floa
 
         grow = 1.0 / jnp.maximum(1.0 / _FASTEST, 1.0 - (2.0 * jnp.clip(gain, -1.0, 1.0) - 1.0) ** 3)
         step_size = jnp.where(state.first, state.step_size, state.step_size * jnp.where(good, grow, 1.0 / state.shrink))
-        gained_nothing = good & (before - after <= _STALLED * before)
+        gained_nothing = good & (before - after <= options["stalled"] * before)
         stalled = jnp.where(accept, jnp.where(gained_nothing, state.stalled + 1, 0), state.stalled)
         settled = ~state.first & (self.norm(delta / (self.atol + self.rtol * jnp.abs(trial))) < options["coarse"])
         exhausted = (step_size < 1e-13) | (jnp.isfinite(after) & (after < 1e-24 * residual.size))
@@ -109,21 +110,22 @@ class LevenbergMarquardt(optx.AbstractLeastSquaresSolver[Float[Array, "p"], Floa
         return y, aux, {}
 
 
-def _value_and_jacobian(function: Callable[[Array], Array], y: Float[Array, "p"]) -> tuple[Float[Array, "n"], Float[Array, "n p"]]:
+def value_and_jacobian(function: Callable[[Array], Array], y: Float[Array, "p"]) -> tuple[Float[Array, "n"], Float[Array, "n p"]]:
+    """Value and forward-mode Jacobian of a function, all directions at a time."""
     return jax.vmap(lambda direction: jax.jvp(function, (y,), (direction,)), out_axes=(None, -1))(jnp.eye(y.size))
 
 
 class Descent(eqx.Module):
     """Where runs ended; one row a run."""
 
-    u: Float[Array, "runs p"]
-    x: Float[Array, "runs p"]  # the same in physical units
-    first: Float[Array, "runs p"]  # where it began, in physical units
-    slope: Float[Array, "runs p"]  # dx/du
-    residual: Float[Array, "runs n"]
-    jacobian: Float[Array, "runs n p"]  # d residual/du
-    steps: Int[Array, "runs"]
-    converged: Bool[Array, "runs"]
+    u: Float[AnyArray, "runs p"]
+    x: Float[AnyArray, "runs p"]  # the same in physical units
+    first: Float[AnyArray, "runs p"]  # where it began, in physical units
+    slope: Float[AnyArray, "runs p"]  # dx/du
+    residual: Float[AnyArray, "runs n"]
+    jacobian: Float[AnyArray, "runs n p"]  # d residual/du
+    steps: Int[AnyArray, "runs"]
+    converged: Bool[AnyArray, "runs"]
 
 
 def _stage(model: Model, u: Float[Array, "p"], logarithmic: Float[Array, ""], linearise: Bool[Array, ""], max_steps: int) -> optx.Solution:
@@ -132,7 +134,7 @@ def _stage(model: Model, u: Float[Array, "p"], logarithmic: Float[Array, ""], li
         lambda u, _: model.residuals(u, logarithmic),
         LevenbergMarquardt(),
         u,
-        options={"linearise": linearise, "coarse": jnp.where(logarithmic > 0, _COARSE, 1.0)},
+        options={"linearise": linearise, "coarse": jnp.where(logarithmic > 0, COARSE, 1.0), "stalled": STALLED},
         max_steps=max_steps,
         throw=False,
     )
@@ -167,5 +169,5 @@ def _descend(model: Model, u: Float[AnyArray, "runs p"], count: Int[AnyArray, ""
 
 
 # The older of XLA's two code generators compiles these many small loops in half the time, and they run as fast.
-_OPTIONS: dict[str, Any] = {"compiler_options": {"xla_cpu_use_fusion_emitters": False}}
-descend: Callable[..., Descent] = eqx.filter_jit(_descend, **_OPTIONS)
+OPTIONS: dict[str, Any] = {"compiler_options": {"xla_cpu_use_fusion_emitters": False}}
+descend: Callable[..., Descent] = eqx.filter_jit(_descend, **OPTIONS)

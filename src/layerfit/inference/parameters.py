@@ -87,8 +87,8 @@ class FreeParameter:
 def spread_points(parameters: Sequence[FreeParameter], count: int, seed: int = 0) -> np.ndarray:
     """Corners of the box between the bounds (the first 64 of them) and points between them, physical units (points, p)."""
     corners = np.array(list(islice(product((0.0, 1.0), repeat=len(parameters)), 64)))
-    shares = np.concatenate([corners, np.random.default_rng(seed).random((count, len(parameters)))])
-    return np.array([[p.at(float(s)) for p, s in zip(parameters, row, strict=True)] for row in shares])
+    places = np.concatenate([corners, spread_shares(len(parameters), count, seed)])
+    return np.array([[p.at(float(s)) for p, s in zip(parameters, row, strict=True)] for row in places])
 
 
 def free_parameters(
@@ -224,7 +224,23 @@ class Coordinates(eqx.Module):
         return jnp.where(self.log, jnp.exp(jnp.where(self.log, inner, 0.0)), inner)
 
 
+def shares(parameters: Sequence[FreeParameter], x: Float[np.ndarray, "*m p"]) -> Float[np.ndarray, "*m p"]:
+    """Positions of numbers between their bounds, each on its scale, 0 to 1."""
+    log = np.array([p.log for p in parameters])
+    low, high = np.array([p.ends for p in parameters]).T
+    return (np.where(log, np.log(np.where(log, x, 1.0)), x) - low) / (high - low)
+
+
 def unbounded(share: np.ndarray) -> np.ndarray:
     """u at positions between the bounds; ends are moved in by 1e-4."""
     inside = np.clip(share, 1e-4, 1.0 - 1e-4)
     return np.log(inside / (1.0 - inside))
+
+
+def spread_shares(dimensions: int, count: int, seed: int) -> np.ndarray:
+    """Points of the unit cube spread more evenly than by chance, (count, dimensions): a Sobol sequence scrambled by the seed."""
+    from scipy.stats import qmc  # slow to import, and one start needs none
+
+    if count == 0:
+        return np.empty((0, dimensions))
+    return qmc.Sobol(dimensions, rng=seed).random_base2((count - 1).bit_length())[:count]  # its balance holds for powers of two

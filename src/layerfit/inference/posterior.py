@@ -12,11 +12,11 @@ from jaxtyping import Float
 
 from ..arrays import AnyArray
 from .chain import Chain
-from .fit import Fit
 from .judgement import Judgement, SamplingOutcome
 from .model import Model
 from .posterior_remarks import remarks
 from .problem import Problem
+from .result import Fit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

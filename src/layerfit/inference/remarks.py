@@ -9,13 +9,15 @@ from ..errors import InputError
 from ..scene.stack import Stack
 from .parameters import FreeParameter
 from .problem import Problem
+from .result import Minimum
 from .scatter import StudentScatter
-from .uncertainty import POOR, UNDETERMINED, Uncertainty, is_positive
+from .uncertainty import UNDETERMINED, Uncertainty, verdicts
 
 _NEAR = 9.0  # difference of chi-square below which two minima are hardly told apart
+_APART = 2.0  # standard errors by which a number in another minimum must differ to be named
 
 
-def rivals(best: float, others: Sequence[float], count: int) -> list[str]:
+def on_starts(best: float, others: Sequence[float], count: int) -> list[str]:
     """Of starts that ended elsewhere. best, others : chi-squares. count : of all starts."""
     if not others:
         return []
@@ -25,21 +27,31 @@ def rivals(best: float, others: Sequence[float], count: int) -> list[str]:
     return [f"{reached}; the next one has {rival:.4g}{near}"]
 
 
-def on_numbers(parameters: Sequence[FreeParameter], x: np.ndarray, known: Uncertainty) -> list[str]:
-    """Of numbers at a bound or not determined, and of combinations left open."""
+def rivals(parameters: Sequence[FreeParameter], minima: Sequence[Minimum], known: Uncertainty) -> list[str]:
+    """What other minima, nearly as good, say of the numbers, where it is beyond the standard error."""
+    said = []
+    for other in minima[1:]:
+        if other.chi2 - minima[0].chi2 < _NEAR:
+            rows = zip(parameters, minima[0].x.tolist(), other.x.tolist(), known.stderr, strict=True)
+            apart = [f"{p.name} = {there:.4g}" for p, x, there, sd in rows if sd is None or abs(there - x) > _APART * sd]
+            if apart:
+                more = other.chi2 - minima[0].chi2
+                said.append(f"another minimum, its chi-square higher by only {more:.2g}, has {', '.join(apart)}: beyond the standard errors given")
+    return said
+
+
+def on_numbers(parameters: Sequence[FreeParameter], x: np.ndarray, known: Uncertainty, *, rivalled: bool) -> list[str]:
+    """Of numbers at a bound or not determined, and of combinations left open. rivalled : whether another minimum is nearly as good."""
     said = []
     for parameter, bound, value in zip(parameters, known.at_bound, x, strict=True):
         if bound:
             side = "lower" if value - parameter.low < parameter.high - value else "upper"
             where = f"{parameter.name} is at its {side} bound ({value:.4g} {parameter.unit})"
-            said.append(f"{where}; it has no standard error, and the others hold with it there")
-    for parameter, sd in zip(parameters, known.relative, strict=True):
-        if not sd <= UNDETERMINED:
-            said.append(f"{parameter.name} is not determined by the data")
-        elif sd > POOR:
-            whole = "value" if is_positive(parameter) else "interval"
-            said.append(f"{parameter.name} is poorly determined by the data: its standard error is {100 * sd:.0f} % of its {whole}")
-    return [*said, *known.directions]
+            said.append(f"{where}; it has no standard error, and those of the others allow for its moving inside")
+    beyond = any(not sd <= UNDETERMINED for sd in known.relative)
+    if (beyond or rivalled) and any(p.name.endswith(".amplitude") for p in parameters):
+        said.append("ill-posed: these data are relative (the amplitude is free) and do not determine all numbers; rely on none of them alone")
+    return [*said, *verdicts(parameters, known.relative), *known.directions]
 
 
 def on_quality(problem: Problem, chi2: float, dof: int, noise: float | None) -> list[str]:

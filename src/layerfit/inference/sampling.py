@@ -17,13 +17,13 @@ from ..files import writable_folder
 from .chain import FILE, Chain, chain_in_file, chain_in_memory
 from .density import Density
 from .ensemble import STATE_SIZE, run_ensemble
-from .fit import Fit
 from .fit import fit as run_fit
 from .judgement import Judgement, SamplingOutcome, judge
 from .log_densities import LogDensities
 from .parameters import FreeParameter, unbounded
 from .posterior import Posterior
 from .problem import Problem
+from .result import Fit
 from .settings import problem_settings, solver_settings
 from .starting_points import share_covariance, starting_points
 

@@ -24,6 +24,11 @@ class Scatter(eqx.Module):
     values: Float[AnyArray, "n"]
     sd: Float[AnyArray, "n"]
 
+    @property
+    def independent(self) -> bool:
+        """Whether each value scatters by itself."""
+        return True
+
     def weighted(self, difference: Float[AnyArray, "n"]) -> Float[AnyArray, "n"]:
         """Prediction minus value as independent numbers of sd 1: residuals of a least-squares fit."""
         return difference / self.sd
@@ -31,6 +36,10 @@ class Scatter(eqx.Module):
     def unweighted(self, residual: Float[AnyArray, "n *p"]) -> Float[AnyArray, "n *p"]:
         """The inverse of `weighted`, column by column."""
         return self.sd.reshape(-1, *[1] * (residual.ndim - 1)) * residual
+
+    def informative(self, slopes: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "n p"]:
+        """Rows whose square is the Fisher information, from slopes of the predictions."""
+        return np.stack([np.asarray(self.weighted(column)) for column in slopes.T], axis=1)
 
     @property
     def spread(self) -> Float[AnyArray, "n"]:
@@ -64,6 +73,10 @@ class NormalScatter(Scatter):
         if covariance is not None or error is not None:
             factor = np.linalg.cholesky(self.total(1.0))
             self.whitening = np.linalg.solve(factor, np.eye(len(values)))
+
+    @property
+    def independent(self) -> bool:
+        return self.whitening is None
 
     def noise(self) -> Float[AnyArray, "n n"]:
         """Covariance of the noise alone."""
@@ -106,6 +119,10 @@ class StudentScatter(Scatter):
     """Student's t with nu degrees of freedom and scale sd: few values may be far off."""
 
     nu: Float[AnyArray, ""]
+
+    def informative(self, slopes: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "n p"]:
+        """K. L. Lange, R. J. A. Little, J. M. G. Taylor, J. Am. Stat. Assoc. 84, 881 (1989), appendix B: (nu + 1)/(nu + 3) of the normal one."""
+        return math.sqrt(float(self.nu + 1.0) / float(self.nu + 3.0)) * super().informative(slopes)
 
     def misfit(self, predicted: Float[AnyArray, "n"], scale: Any = 1.0) -> Float[AnyArray, ""]:
         return jnp.sum((self.nu + 1.0) * jnp.log1p(self.weighted(predicted - self.values) ** 2 / self.nu))

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 
 from ..errors import InputError
-from .fit import Fit
 from .parameters import FreeParameter
+from .result import Fit
 
 _NEAR = 18.0  # chi-square above the best one up to which a minimum gets walkers: e^-9 in density
 _WIDEST = 0.15  # sd of beginnings of a number that is not determined, in shares of its interval

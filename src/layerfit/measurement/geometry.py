@@ -54,6 +54,11 @@ class Geometry(eqx.Module):
             return np.sqrt(0.5 * (low**2 + high**2))
         return next(iter(places.values()), np.zeros(self.size))
 
+    def place(self, index: int) -> str:
+        """Where one value is, in words: "r 2.5", "r 1 to 2"; "" for a total."""
+        values = [f"{values[index]:.4g}" for values in self.places().values()]
+        return f"{next(iter(self.places())).removesuffix('_min')} {' to '.join(values)}" if values else ""
+
 
 class Radial(Geometry):
     """Light leaving at distances r, or averaged over rings, per unit incident power and area."""

@@ -15,7 +15,7 @@ from .plots import plot_fit
 from .tables import likelihood_text, versions
 
 if TYPE_CHECKING:
-    from ..inference.fit import Estimate, Fit
+    from ..inference.result import Estimate, Fit
 
 
 def _finite(value: float | None) -> float | None:
@@ -52,6 +52,7 @@ def fit_dict(fit: "Fit") -> dict[str, Any]:
         },
         "stack": repr(fit.stack),
         "starts": [{"chi2": _finite(s.chi2), "steps": s.steps, "outcome": s.outcome.value} for s in fit.starts],
+        "minima": [{"x": dict(zip(fit.problem.names, m.x.tolist(), strict=True)), "chi2": m.chi2, "starts": m.starts} for m in fit.minima],
         "seconds": fit.seconds,
         "versions": versions(),
     }

@@ -11,11 +11,11 @@ from matplotlib.figure import Figure
 
 from ..scene.drawing import stack_svg
 from .posterior_table import posterior_rows, sampling_text
-from .tables import chi_square_text, derived_rows, likelihood_text, parameter_rows, solver_text, start_rows, versions
+from .tables import chi_square_text, derived_rows, likelihood_text, minimum_rows, parameter_rows, solver_text, start_rows, versions
 
 if TYPE_CHECKING:
-    from ..inference.fit import Fit
     from ..inference.posterior import Posterior
+    from ..inference.result import Fit
 
 
 def _environment() -> jinja2.Environment:
@@ -42,6 +42,7 @@ def _content(fit: "Fit") -> dict[str, Any]:
         "versions": versions(),
         "chi2": chi_square_text(fit.chi2),
         "starts": start_rows(fit),
+        "minima": minimum_rows(fit),
         "solver": solver_text(fit.problem.chosen),
         "likelihoods": [likelihood_text(one) for one in fit.problem.likelihoods],
         "references": fit.problem.chosen.references,

@@ -9,7 +9,7 @@ from ..measurement.geometry import Angular, Geometry, Radial, SpatialFrequency, 
 from .tables import unit_text
 
 if TYPE_CHECKING:
-    from ..inference.fit import Fit
+    from ..inference.result import Fit
 
 _DATA, _FIT = "#1f4e79", "#c0392b"
 

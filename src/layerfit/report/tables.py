@@ -23,7 +23,7 @@ from ..inference.uncertainty import UNDETERMINED
 from ..solver import Solver
 
 if TYPE_CHECKING:
-    from ..inference.fit import Fit
+    from ..inference.result import Fit
 
 _PACKAGES = ("layerfit", "jax", "equinox", "optimistix", "lineax", "numpy", "scipy")
 
@@ -64,6 +64,11 @@ def solver_text(solver: Solver) -> str:
 def start_rows(fit: "Fit") -> list[str]:
     """Chi-square of each start, on the scale of the fit's own."""
     return [chi_square_text(start.chi2 if fit.noise is None else start.chi2 / fit.noise**2) for start in fit.starts]
+
+
+def minimum_rows(fit: "Fit") -> list[list[str]]:
+    """One row a minimum: chi-square, how many starts, its numbers; best first."""
+    return [[chi_square_text(m.chi2), str(m.starts), *(f"{value:.4g}" for value in m.x.tolist())] for m in fit.minima]
 
 
 def parameter_rows(fit: "Fit") -> list[dict[str, str]]:
@@ -169,4 +174,7 @@ def fit_text(fit: "Fit") -> str:
     for row in rows:
         more = "; ".join(filter(None, (row["note"], row["parts"] and f"of which {row['parts']}", row["prior"] and f"prior {row['prior']}")))
         lines.append(f"  {row['name']:<{widths['name']}}  {row['value']:<{widths['value']}}  {row['unit']:<{widths['unit']}}  {more}".rstrip())
+    if len(fit.minima) > 1:
+        cells = [("minimum", "chi-square", "starts", *fit.problem.names), *((str(i), *row) for i, row in enumerate(minimum_rows(fit), 1))]
+        lines += [f"  {line}" for line in aligned(cells, left=(0,))]
     return "\n".join([*lines, *(f"  ! {warning}" for warning in fit.warnings)])

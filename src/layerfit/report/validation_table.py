@@ -22,7 +22,7 @@ def validation_rows(validation: "Validation") -> list[dict[str, Any]]:
             rows.append(
                 {
                     "measurement": check.name,
-                    "place": _place(check.geometry.places(), i),
+                    "place": check.geometry.place(i),
                     "value": float(check.values[i]),
                     "stated_error": _or_none(check.stated_error, i),
                     "monte_carlo": float(check.reference[i]),
@@ -37,14 +37,6 @@ def validation_rows(validation: "Validation") -> list[dict[str, Any]]:
 
 def _or_none(errors: np.ndarray | None, i: int) -> float | None:
     return None if errors is None or not math.isfinite(errors[i]) else float(errors[i])
-
-
-def _place(places: dict[str, np.ndarray], i: int) -> str:
-    values = [f"{values[i]:.4g}" for values in places.values()]
-    if not values:
-        return ""
-    name = next(iter(places)).removesuffix("_min")
-    return f"{name} {' to '.join(values)}"
 
 
 def validation_text(validation: "Validation") -> str:

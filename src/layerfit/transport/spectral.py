@@ -183,7 +183,7 @@ class SpectralForward(Forward):
         return tuple(None if share is None else share * np.abs(np.asarray(value)) for share, value in zip(shares, values, strict=True))
 
     def _one(self, columns: Columns, geometry: Geometry, plan: Functional, shift: Float[Array, ""] | None) -> Float[Array, "values"]:
-        images = self.solver.images(columns, geometry) if _images_apply(geometry) and plan.nodes is None else None
+        images = images_of(self.solver, columns, geometry, plan)
         spectrum = self.solver.spectrum(columns, jnp.asarray(plan.k), geometry, without_images=images is not None)
         values = plan.weights @ spectrum.diffuse + plan.direct * spectrum.unscattered
         values = plan.at(shift, values)
@@ -194,9 +194,10 @@ class SpectralForward(Forward):
         return values
 
 
-def _images_apply(geometry: Geometry) -> bool:
-    """Images have a closed form under a pencil, at points and in rings."""
-    return isinstance(geometry, Radial) and isinstance(geometry.source, Pencil) and geometry.detector.radius == 0.0
+def images_of(solver: SpectralSolver, columns: Columns, geometry: Geometry, plan: Functional) -> Images | None:
+    """The images that are added in closed form: under a pencil, at points and in rings whose distances are fixed."""
+    closed = isinstance(geometry, Radial) and isinstance(geometry.source, Pencil) and geometry.detector.radius == 0.0 and plan.nodes is None
+    return solver.images(columns, geometry) if closed else None
 
 
 def _barycentric(x: Float[Array, ""], nodes: Float[Array, "c"], weights: Float[Array, "c"]) -> Float[Array, "c"]:

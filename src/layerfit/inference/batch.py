@@ -1,0 +1,190 @@
+"""Descents by the hundred: the model made cheap for them, rows in chunks of one size, two chunks at a time."""
+
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from itertools import pairwise
+from threading import Lock
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..arrays import AnyArray
+from ..errors import InputError
+from ..transport.fewer_frequencies import fewer_frequencies
+from ..transport.spectral import SpectralForward
+from .lanes import Rows, descend_many
+from .least_squares import Descent
+from .model import Model, Scene
+from .parameters import shares, spread_shares, unbounded
+from .problem import Problem
+
+_CHUNK = 512  # rows of a call, at most
+_LANES = 32  # more leave the fastest cache, fewer pay for each step alone
+_ALONE = 64  # rows that are not worth a second thread
+_SAMPLES = 256  # stacks that a model of fewer frequencies is made from
+_MAX_STEPS = 200
+_COMPILING = Lock()
+
+
+@eqx.filter_jit
+def _columns(scene: Scene, x: Float[AnyArray, "m p"]) -> Any:
+    return jax.lax.map(scene.columns, jnp.asarray(x))
+
+
+@eqx.filter_jit
+def _predict(model: Model, x: Float[AnyArray, "m p"], count: Int[AnyArray, ""]) -> Float[Array, "m n"]:
+    """Predictions at the first `count` rows."""
+    x = jnp.asarray(x)
+    empty = jnp.zeros((len(x), sum(values.size for values in model.values)))
+    return jax.lax.fori_loop(0, count, lambda i, found: found.at[i].set(jnp.concatenate(model.predict(x[i]))), empty)
+
+
+class Batch:
+    """Descents of one problem with other data, starts, or numbers held.
+
+    The model is the problem's own where its solver has no cheaper equal; otherwise one of fewer frequencies, which agrees with it on stacks
+    between the bounds (see `transport.fewer_frequencies`) to where it matters: to a small part of the least of the data.
+    """
+
+    def __init__(self, problem: Problem, what: str, least: Float[np.ndarray, "n"] | None = None):
+        """what : is asked for. least : the smallest size that each value has in the data.
+
+        Raises InputError for a problem that is no least squares.
+        """
+        if not problem.least_squares:
+            raise InputError(
+                f"{what} takes least squares alone; allowed are likelihoods gaussian and correlated, a model error that is off or on, and priors "
+                "whose numbers are given. Sample the posterior instead"
+            )
+        self.problem, self.model = problem, problem.model
+        self.sizes = [d.geometry.size for d in problem.data]
+        self.count = sum(self.sizes)
+        least = np.concatenate([np.abs(d.values) for d in problem.data]) if least is None else least
+        self.spectral = all(isinstance(sample.forward, SpectralForward) for sample in problem.model.samples)
+        if self.spectral:
+            spread = spread_shares(len(problem.parameters), _SAMPLES, 0).tolist()
+            x = np.array([[p.at(s) for p, s in zip(problem.parameters, row, strict=True)] for row in spread])
+            floors = iter(np.maximum(part, 1e-6 * np.max(part)) for part in self.split(least))
+            cheap = []
+            for sample in problem.model.samples:
+                mine = [floor for size in sample.sizes for floor in [next(floors)] * size.count]
+                assert isinstance(sample.forward, SpectralForward)
+                cheap.append(fewer_frequencies(sample.forward, _columns(sample.scene, x), mine))
+            self.model = eqx.tree_at(lambda m: [sample.forward for sample in m.samples], problem.model, cheap)
+
+    def split(self, values: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Values of all datasets, the last axis, one array a dataset."""
+        return tuple(np.split(values, np.cumsum(self.sizes)[:-1], axis=-1))
+
+    def exact(self, x: Float[np.ndarray, "m p"]) -> Float[np.ndarray, "m n"]:
+        """Predictions of the problem's own model."""
+        return self._predicted(self.problem.model, x)
+
+    def _predicted(self, model: Model, x: np.ndarray) -> np.ndarray:
+        parts = [x[i : i + _CHUNK] for i in range(0, len(x), _CHUNK)]
+        return np.concatenate([np.asarray(_predict(model, _filled(part), np.array(len(part))))[: len(part)] for part in parts])
+
+    def run(
+        self,
+        u: Float[np.ndarray, "m p"],
+        values: Float[np.ndarray, "m n"],
+        sd: Float[np.ndarray, "m n"],
+        *,
+        held: Bool[np.ndarray, "m p"] | None = None,
+        logarithms: bool = True,
+        linearise: bool = False,
+    ) -> Descent:
+        """Descents from u, first on the logarithms of the data where asked for; with linearise only residuals and Jacobians at u."""
+        held = np.zeros(u.shape, bool) if held is None else held
+        flags = np.array(0 if logarithms and not linearise else 1), np.array(linearise)
+        lanes = _LANES if self.spectral else 1  # a transport model fills the machine alone
+
+        def one(part: slice) -> Descent:
+            rows = Rows(_filled(u[part]), _filled(held[part]), self.split(_filled(values[part])), self.split(_filled(sd[part])))
+            count = len(u[part])
+            done = descend_many(self.model, rows, np.array(count), *flags, _MAX_STEPS, lanes)
+            return jax.tree.map(lambda column: np.asarray(column)[:count], done)
+
+        count = -(-len(u) // _CHUNK) if len(u) <= _ALONE else 2 * -(-len(u) // (2 * _CHUNK))
+        edges = np.linspace(0, len(u), count + 1).astype(int).tolist()
+        with _COMPILING:  # once, not in two threads at a time
+            one(slice(0, 0))
+        with ThreadPoolExecutor(2) as pool:
+            parts = list(pool.map(one, [slice(*pair) for pair in pairwise(edges)]))
+        return jax.tree.map(lambda *columns: np.concatenate(columns), *parts)
+
+    def fit(
+        self,
+        u: Float[np.ndarray, "m p"],
+        values: Float[np.ndarray, "m n"],
+        sd: Float[np.ndarray, "m n"],
+        *,
+        held: Bool[np.ndarray, "m p"] | None = None,
+        logarithms: bool = True,
+    ) -> Descent:
+        """Descents whose residuals are those of the problem's own model, put right where the cheap one errs by what can be noticed."""
+        end = self.run(u, values, sd, held=held, logarithms=logarithms)
+        if self.model is self.problem.model:
+            return end
+        for _ in range(3):
+            residual = np.array(end.residual)
+            exact = self.exact(end.x)
+            error = exact - self.predictions(residual, values, sd)
+            residual[:, : self.count] = self._weighted(exact - values, sd)
+            end = eqx.tree_at(lambda d: d.residual, end, residual)
+            wrong = np.flatnonzero(np.max(np.abs(error / sd), axis=1) > 1e-3)
+            if wrong.size == 0:
+                break
+            again = self.run(
+                np.asarray(end.u)[wrong],
+                (values - error)[wrong],
+                sd[wrong],
+                held=None if held is None else held[wrong],
+                logarithms=False,
+            )
+            end = jax.tree.map(partial(_put, wrong), end, again)
+        return end
+
+    def predictions(self, residual: np.ndarray, values: np.ndarray, sd: np.ndarray) -> Float[np.ndarray, "m n"]:
+        """What was predicted, from residuals (priors' among them or not)."""
+        parts = zip(self.problem.model.scatter, self.split(residual[:, : self.count]), self.split(sd), strict=True)
+        return values + np.concatenate([r * s if one.independent else np.asarray(one.unweighted(r.T)).T for one, r, s in parts], axis=1)
+
+    def _weighted(self, difference: np.ndarray, sd: np.ndarray) -> Float[np.ndarray, "m n"]:
+        parts = zip(self.problem.model.scatter, self.split(difference), self.split(sd), strict=True)
+        return np.concatenate([d / s if one.independent else np.array([one.weighted(row) for row in d]) for one, d, s in parts], axis=1)
+
+    def jacobians(
+        self, x: Float[np.ndarray, "q p"], values: Float[np.ndarray, "q n"], sd: Float[np.ndarray, "q n"]
+    ) -> tuple[Float[np.ndarray, "q rows"], Float[np.ndarray, "q rows p"]]:
+        """Weighted residuals and their Jacobians in physical units at points."""
+        there = self.run(unbounded(shares(self.problem.parameters, x)), values, sd, linearise=True)
+        return np.asarray(there.residual), physical(np.asarray(there.jacobian), np.asarray(there.slope))
+
+
+def edge_shares(share: Float[np.ndarray, "*m"]) -> Float[np.ndarray, "*m"]:
+    """u at positions between the bounds, the bounds themselves to 1e-9."""
+    inside = np.clip(share, 1e-9, 1.0 - 1e-9)
+    return np.log(inside) - np.log1p(-inside)
+
+
+def physical(jacobian: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Jacobians in physical units (..., n, p)."""
+    return jacobian / np.maximum(slope, 1e-300)[..., None, :]
+
+
+def _filled(rows: np.ndarray) -> np.ndarray:
+    """Rows of a chunk, filled up with ones to the one number that is compiled."""
+    filled = np.ones((_CHUNK, *rows.shape[1:]), rows.dtype)
+    filled[: len(rows)] = rows
+    return filled
+
+
+def _put(at: Int[np.ndarray, "k"], column: np.ndarray, new: np.ndarray) -> np.ndarray:
+    column = np.array(column)
+    column[at] = new
+    return column
