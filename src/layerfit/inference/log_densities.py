@@ -2,6 +2,8 @@
 
 import time
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -16,9 +18,14 @@ from .density import Density
 _WORTH_IT = 3e-3  # seconds of half a call above which two threads take one half each
 
 
-@eqx.filter_jit
-def _log_densities(density: Density, x: Float[AnyArray, "m p"], first: Int[AnyArray, ""], last: Int[AnyArray, ""]) -> Float[Array, "m"]:
+@partial(jax.jit, static_argnums=0)
+def _log_densities(
+    rest: tuple[Any, ...], arrays: list[Any], x: Float[AnyArray, "m p"], first: Int[AnyArray, ""], last: Int[AnyArray, ""]
+) -> Float[Array, "m"]:
     """Of positions first to last - 1, one after the other: as quick as in a batch, and solvers with small matrices are slow in batches."""
+    structure, fixed = rest
+    given = iter(arrays)
+    density = jax.tree.unflatten(structure, [next(given) if leaf is None else leaf for leaf in fixed])
     return jax.lax.fori_loop(first, last, lambda i, found: found.at[i].set(density(x[i])), jnp.zeros(len(x)))
 
 
@@ -26,7 +33,9 @@ class LogDensities:
     """Log density of positions, (m, p) to (m,), the same m each time, so that it is compiled once."""
 
     def __init__(self, density: Density):
-        self.density = jax.tree.map(lambda leaf: jax.device_put(leaf) if eqx.is_array(leaf) else leaf, density)
+        leaves, structure = jax.tree.flatten(density)
+        self.rest = structure, tuple(None if eqx.is_array(leaf) else leaf for leaf in leaves)
+        self.arrays = jax.device_put([leaf for leaf in leaves if eqx.is_array(leaf)])  # once, not in every call
         self.parts: int | None = None
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
@@ -44,7 +53,7 @@ class LogDensities:
         return time.perf_counter() - began
 
     def _some(self, x: np.ndarray, first: int, last: int) -> np.ndarray:
-        return np.asarray(_log_densities(self.density, x, np.asarray(first), np.asarray(last)))[first:last]
+        return np.asarray(_log_densities(self.rest, self.arrays, x, np.asarray(first), np.asarray(last)))[first:last]
 
 
 _POOL = ThreadPoolExecutor(2)

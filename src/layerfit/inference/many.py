@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-_MET = 2  # runs of a set that end in its best minimum, after which no more are made
+_MET = 3  # runs of a set that end in its best minimum, after which no more are made
 _EDGE = 0.02  # share of the interval within which the start of a neighbour is moved in
 
 
@@ -100,14 +100,15 @@ def fit_many(
     """Fit many sets of data of one problem, batched.
 
     Each set is fitted from the problem's init; a second time from where the set most like it has ended; then from points spread between the bounds,
-    until two runs have met in the best minimum or starts are used up. The covariance is that of `fit`.
+    until three runs have met in the best minimum or starts are used up. The covariance is that of `fit`.
 
     Arguments
     ---------
     problem : geometries, free numbers, bounds; its own values count only where sd is left out.
     values : (sets, n), one row a set: the values of all its datasets, one after the other.
     sd : (sets, n), or (n,) for all alike. Left out: that of the problem's data; where they have none, one relative noise is estimated for each set.
-    starts : largest number of runs of a set. seed : of the spread of starts. on_sets : called with (runs done, runs to do) before each round.
+    starts : largest number of runs of a set; take more where the data have several minima (`fit` makes up to 8). seed : of the spread of starts.
+    on_sets : called with (runs done, runs to do) before each round.
 
     Raises InputError for shapes that do not agree, values that are not finite, an sd that is not above 0, or errors that are not independent and
     normal. Returns a ManyFits also where sets failed: look at ``outcome``.
