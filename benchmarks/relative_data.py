@@ -28,10 +28,18 @@ def draws(truth, solver, noise, count, seed=0):
     for _ in range(count):
         values = 1.3 * clean * (1.0 + noise * rng.standard_normal(clean.size))
         result = lf.fit(lf.Problem(STACK, lf.Dataset(GEOMETRY, values, noise=lf.Noise(relative=noise), name="probe"), free=free, solver=solver))
-        named = {name: any(name in warning for warning in result.warnings) for name in result.parameters}
+        named = {name: any(name in warning or warning.startswith("ill-posed") for warning in result.warnings) for name in result.parameters}
         target = {**truth, "probe.amplitude": 1.3}
         z = {name: None if p.stderr is None else (p.value - target[name]) / p.stderr for name, p in result.parameters.items()}
-        rows.append({"z": z, "named": named, "says open": any("open" in warning for warning in result.warnings), "chi2": result.chi2})
+        rows.append(
+            {
+                "z": z,
+                "named": named,
+                "ill-posed": any(w.startswith("ill-posed") for w in result.warnings),
+                "says open": any("open" in w for w in result.warnings),
+                "chi2": result.chi2,
+            }
+        )
     return rows
 
 
@@ -49,6 +57,7 @@ def main():
                         "solver": solver.name,
                         "noise": noise,
                         "draws": count,
+                        "says_ill_posed": sum(row["ill-posed"] for row in rows),
                         "says_open": sum(row["says open"] for row in rows),
                         "numbers_without_warning": len(silent),
                         "largest_error_without_warning": max(silent, default=0.0),

@@ -1,6 +1,6 @@
 """Inverses of small matrices that need no pivoting, fast in batches and with a derivative rule of their own.
 
-LAPACK's triangular solves are not batched on the CPU; these are matrix products and one loop. Fit for matrices whose symmetric part is
+LAPACK's triangular solves are not batched on the CPU; these are matrix products in loops. Fit for matrices whose symmetric part is
 positive definite (1 + a positive semidefinite matrix, 1 - a product of two reflections) and for triangular ones: pivoting gains nothing there.
 """
 
@@ -9,7 +9,8 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-_LOOP = 24  # up to this size rows are eliminated one by one; above it, blocks are halved
+_LOOP = 24  # up to this size rows are eliminated one by one
+_BLOCK = 16  # above it, blocks of at most so many
 
 
 @jax.custom_jvp
@@ -18,14 +19,11 @@ def inverse(a: Float[Array, "*b n n"]) -> Float[Array, "*b n n"]:
     n = a.shape[-1]
     if n <= _LOOP:
         return _eliminate(a)
-    half = n // 2
-    upper, right, below, lower = a[..., :half, :half], a[..., :half, half:], a[..., half:, :half], a[..., half:, half:]
-    first = inverse(upper)
-    forward, back = below @ first, first @ right
-    rest = inverse(lower - forward @ right)
-    corner = rest @ forward
-    top = jnp.concatenate([first + back @ corner, -back @ rest], axis=-1)
-    return jnp.concatenate([top, jnp.concatenate([-corner, rest], axis=-1)], axis=-2)
+    count = -(-n // _BLOCK)
+    size = -(-n // count)
+    more = count * size - n
+    padded = jnp.pad(a, [(0, 0)] * (a.ndim - 2) + [(0, more)] * 2) + jnp.diag(jnp.arange(count * size) >= n)
+    return _eliminate_blocks(padded, size)[..., :n, :n]
 
 
 @inverse.defjvp
@@ -46,3 +44,19 @@ def _eliminate(a: Float[Array, "*b n n"]) -> Float[Array, "*b n n"]:
         return a.at[..., k, :].set(row)
 
     return jax.lax.fori_loop(0, a.shape[-1], step, a)
+
+
+def _eliminate_blocks(a: Float[Array, "*b n n"], size: int) -> Float[Array, "*b n n"]:
+    """The same by blocks of some rows, of which n is a multiple: matrix products, and one small program however large the matrix."""
+
+    def step(k, a):
+        at = k * size
+        rows = jax.lax.dynamic_slice_in_dim(a, at, size, axis=-2)
+        pivot = _eliminate(jax.lax.dynamic_slice_in_dim(rows, at, size, axis=-1))
+        rows = jax.lax.dynamic_update_slice_in_dim(pivot @ rows, pivot, at, axis=-1)
+        columns = jax.lax.dynamic_slice_in_dim(a, at, size, axis=-1)
+        columns = jax.lax.dynamic_update_slice_in_dim(columns, jnp.zeros_like(pivot), at, axis=-2)
+        a = jax.lax.dynamic_update_slice_in_dim(a, jnp.zeros_like(columns), at, axis=-1) - columns @ rows
+        return jax.lax.dynamic_update_slice_in_dim(a, rows, at, axis=-2)
+
+    return jax.lax.fori_loop(0, a.shape[-1] // size, step, a)

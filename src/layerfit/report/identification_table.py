@@ -15,7 +15,8 @@ def share_text(relative: float, positive: bool = True) -> str:
     """A relative standard deviation: 3.4 %; in units of the interval where the number is not positive by nature."""
     if not math.isfinite(relative):
         return "open"
-    size = f"{100 * relative:.2g} %" if relative < 1 else f"x {math.exp(relative):.2g}" if relative < 5 and positive else "open"
+    percent = f"{100 * relative:.2g} %" if relative < 0.995 else "100 %"
+    size = percent if relative < 1 else f"x {math.exp(relative):.2g}" if relative < 5 and positive else "open"
     return size if positive else f"{size} of bounds"
 
 

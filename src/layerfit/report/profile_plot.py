@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter
 from scipy.special import chdtri
 
 from .tables import unit_text
@@ -47,6 +48,10 @@ def plot_profile(profile: "ProfileLikelihood") -> Figure:
     lower.set_ylabel("others / fit")
     lower.set_yscale("log" if np.all(profile.x > 0) else "linear")
     lower.set_xscale("log" if parameter.log else "linear")
+    for axis in (lower.xaxis, lower.yaxis):  # 1.3, not 1.3 x 10^0
+        if axis.get_scale() == "log":
+            axis.set_major_formatter(LogFormatter())
+            axis.set_minor_formatter(LogFormatter(minor_thresholds=(1.5, 0.6)))
     lower.set_xlabel(f"{profile.name} [{unit_text(profile.unit)}]", parse_math=False)
     for axis in (upper, lower):
         axis.grid(alpha=0.25)
