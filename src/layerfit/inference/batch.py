@@ -4,7 +4,6 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import pairwise
 from threading import Lock
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -14,25 +13,18 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..arrays import AnyArray
 from ..errors import InputError
-from ..transport.fewer_frequencies import fewer_frequencies
-from ..transport.spectral import SpectralForward
 from .lanes import Rows, descend_many
 from .least_squares import Descent
-from .model import Model, Scene
-from .parameters import shares, spread_shares, unbounded
+from .model import Model
+from .parameters import shares, unbounded
 from .problem import Problem
+from .quick_model import is_spectral, quick_model
 
 _CHUNK = 512  # rows of a call, at most
 _LANES = 32  # more leave the fastest cache, fewer pay for each step alone
 _ALONE = 64  # rows that are not worth a second thread
-_SAMPLES = 256  # stacks that a model of fewer frequencies is made from
 _MAX_STEPS = 200
 _COMPILING = Lock()
-
-
-@eqx.filter_jit
-def _columns(scene: Scene, x: Float[AnyArray, "m p"]) -> Any:
-    return jax.lax.map(scene.columns, jnp.asarray(x))
 
 
 @eqx.filter_jit
@@ -46,8 +38,7 @@ def _predict(model: Model, x: Float[AnyArray, "m p"], count: Int[AnyArray, ""]) 
 class Batch:
     """Descents of one problem with other data, starts, or numbers held.
 
-    The model is the problem's own where its solver has no cheaper equal; otherwise one of fewer frequencies, which agrees with it on stacks
-    between the bounds (see `transport.fewer_frequencies`) to where it matters: to a small part of the least of the data.
+    The model is the quick one (see `quick_model`); where that errs by what can be noticed, residuals are put right by the problem's own.
     """
 
     def __init__(self, problem: Problem, what: str, least: Float[np.ndarray, "n"] | None = None):
@@ -60,21 +51,11 @@ class Batch:
                 f"{what} takes least squares alone; allowed are likelihoods gaussian and correlated, a model error that is off or on, and priors "
                 "whose numbers are given. Sample the posterior instead"
             )
-        self.problem, self.model = problem, problem.model
+        self.problem = problem
         self.sizes = [d.geometry.size for d in problem.data]
         self.count = sum(self.sizes)
-        least = np.concatenate([np.abs(d.values) for d in problem.data]) if least is None else least
-        self.spectral = all(isinstance(sample.forward, SpectralForward) for sample in problem.model.samples)
-        if self.spectral:
-            spread = spread_shares(len(problem.parameters), _SAMPLES, 0).tolist()
-            x = np.array([[p.at(s) for p, s in zip(problem.parameters, row, strict=True)] for row in spread])
-            floors = iter(np.maximum(part, 1e-6 * np.max(part)) for part in self.split(least))
-            cheap = []
-            for sample in problem.model.samples:
-                mine = [floor for size in sample.sizes for floor in [next(floors)] * size.count]
-                assert isinstance(sample.forward, SpectralForward)
-                cheap.append(fewer_frequencies(sample.forward, _columns(sample.scene, x), mine))
-            self.model = eqx.tree_at(lambda m: [sample.forward for sample in m.samples], problem.model, cheap)
+        self.model = quick_model(problem, least)
+        self.spectral = is_spectral(problem.model)
 
     def split(self, values: np.ndarray) -> tuple[np.ndarray, ...]:
         """Values of all datasets, the last axis, one array a dataset."""

@@ -20,9 +20,10 @@ from .ensemble import STATE_SIZE, run_ensemble
 from .fit import fit as run_fit
 from .judgement import Judgement, SamplingOutcome, judge
 from .log_densities import LogDensities
-from .parameters import FreeParameter, unbounded
+from .parameters import FreeParameter, shares, unbounded
 from .posterior import Posterior
 from .problem import Problem
+from .quick_model import quick_density
 from .result import Fit
 from .settings import problem_settings, solver_settings
 from .starting_points import share_covariance, starting_points
@@ -81,7 +82,7 @@ def sample(
         raise InputError(f"effective = {effective!r}; allowed is a number above 0")
     began = time.perf_counter()
     fit = _fit_of(problem, fit)
-    density = Density(fit.problem)
+    density = quick_density(fit.problem, fit.x)
     settings = run_settings(problem, sampler, walkers, seed) | solver_settings(fit.problem)
     way = _Ensemble(fit, density, walkers, seed) if sampler == "emcee" else _Nuts(fit, density, walkers, seed)
     shape = (steps + way.warm_up, walkers, len(problem.parameters), way.state_size)
@@ -159,7 +160,7 @@ class _Sphere(eqx.Module):
     root: Float[AnyArray, "p p"]
 
     def __init__(self, density: Density, fit: Fit):
-        share = np.clip([p.share(float(v)) for p, v in zip(fit.problem.parameters, fit.x, strict=True)], 0.02, 0.98)
+        share = np.clip(shares(fit.problem.parameters, fit.x), 0.02, 0.98)
         slope = 1.0 / (share * (1.0 - share))  # du/dshare
         self.density, self.center = density, unbounded(share)
         covariance = share_covariance(fit) * np.outer(slope, slope)
@@ -174,8 +175,7 @@ class _Sphere(eqx.Module):
 
     def coordinates(self, parameters: Sequence[FreeParameter], x: np.ndarray) -> np.ndarray:
         """w at numbers x (m, p)."""
-        shares = np.array([[p.share(float(v)) for p, v in zip(parameters, row, strict=True)] for row in x])
-        return np.linalg.solve(self.root, (unbounded(shares) - self.center).T).T
+        return np.linalg.solve(self.root, (unbounded(shares(parameters, x)) - self.center).T).T
 
 
 class _Nuts:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..errors import InputError
-from .parameters import FreeParameter
+from .parameters import FreeParameter, shares
 from .result import Fit
 
 _NEAR = 18.0  # chi-square above the best one up to which a minimum gets walkers: e^-9 in density
@@ -23,7 +23,7 @@ def minima(fit: Fit) -> np.ndarray:
     for start in fit.starts:
         if not (start.chi2 - fit.starts[0].chi2) / variance <= _NEAR:
             continue
-        share = _shares(fit.problem.parameters, start.last)
+        share = shares(fit.problem.parameters, start.last)
         if all(np.max(np.abs(share - other) / spread) > _APART for other in found):
             found.append(share)
     return np.array([[p.at(s) for p, s in zip(fit.problem.parameters, share, strict=True)] for share in found])
@@ -59,12 +59,12 @@ def starting_points(fit: Fit, log_densities: Callable[[np.ndarray], np.ndarray],
     found = []
     for number, center in enumerate(centers):
         wanted = len(range(number, count, len(centers)))
-        share = np.clip(_shares(parameters, center), 1e-6, 1.0 - 1e-6)
+        share = np.clip(shares(parameters, center), 1e-6, 1.0 - 1e-6)
         good: list[np.ndarray] = []
         near: list[tuple[float, np.ndarray]] = []
         for attempt in range(_TRIES):
-            shares = _reflected(share + rng.standard_normal((batch, len(parameters))) @ root.T * 0.7**attempt)
-            x = np.array([[p.at(s) for p, s in zip(parameters, row, strict=True)] for row in shares])
+            places = _reflected(share + rng.standard_normal((batch, len(parameters))) @ root.T * 0.7**attempt)
+            x = np.array([[p.at(s) for p, s in zip(parameters, row, strict=True)] for row in places])
             near += [(float(density), row) for density, row in zip(log_densities(x), x, strict=True) if np.isfinite(density)]
             least = max((density for density, _ in near), default=0.0) - 10.0 - 2.0 * len(parameters)
             good = [row for density, row in near if density >= least]
@@ -77,10 +77,6 @@ def starting_points(fit: Fit, log_densities: Callable[[np.ndarray], np.ndarray],
             )
         found.append(rng.permutation(good)[:wanted])
     return np.array([found[i % len(centers)][i // len(centers)] for i in range(count)])
-
-
-def _shares(parameters: tuple[FreeParameter, ...], x: np.ndarray) -> np.ndarray:
-    return np.array([p.share(float(np.clip(v, p.low, p.high))) for p, v in zip(parameters, x, strict=True)])
 
 
 def _share_slope(parameter: FreeParameter, x: float) -> float:
