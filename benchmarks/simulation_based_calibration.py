@@ -38,7 +38,7 @@ def one(number):
     data = lf.Dataset(GEOMETRY, clean + sd * rng.standard_normal(clean.size), sd)
     free = {name: {"min": low, "max": high, "scale": "linear"} for name, (low, high) in FREE.items()}
     stated = lf.Problem(STACK, data, free=free, solver=SOLVER)
-    posterior = lf.sample(stated, lf.fit(stated, starts=2), walkers=32, steps=2500, effective=200, seed=number)
+    posterior = lf.sample(stated, lf.fit(stated, starts=2), walkers=32, steps=10_000, effective=200, seed=number)
     flat = posterior.x.reshape(-1, len(FREE))
     picked = flat[np.linspace(0, len(flat) - 1, RANKS).astype(int)]
     ranks = {name: int(np.sum(picked[:, i] < truth[name])) for i, name in enumerate(posterior.problem.names)}
