@@ -148,7 +148,7 @@ def fit(scene: Path, out: Path, solver: str | None, starts: int | None) -> None:
 @click.argument("scene", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), required=True, metavar="DIR", help="Folder for chain, posterior.nc, report.html.")
 @click.option("--solver", metavar="NAME", help="Solver, instead of the one in the file.")
-@click.option("--sampler", default="emcee", show_default=True, metavar="NAME", help="emcee or nuts.")
+@click.option("--sampler", default="emcee", show_default=True, metavar="NAME", help="emcee, nuts, or surrogate (for slow solvers).")
 @click.option("--walkers", type=int, metavar="N", help="Walkers [default: 32; nuts: 4 chains].")
 @click.option("--steps", type=int, metavar="N", help="Largest number of steps [default: 20,000; nuts: 2,000].")
 @click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="Seed of random numbers.")

@@ -1,6 +1,7 @@
 """The log density of many positions: one compiled call, or two at once where a position costs much."""
 
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
@@ -13,7 +14,8 @@ from jax import Array
 from jaxtyping import Float, Int
 
 from ..arrays import AnyArray
-from .density import Density
+
+LogDensity = Callable[[Float[Array, "p"]], Float[Array, ""]]
 
 _WORTH_IT = 3e-3  # seconds of half a call above which two threads take one half each
 
@@ -32,7 +34,7 @@ def _log_densities(
 class LogDensities:
     """Log density of positions, (m, p) to (m,), the same m each time, so that it is compiled once."""
 
-    def __init__(self, density: Density):
+    def __init__(self, density: LogDensity):
         leaves, structure = jax.tree.flatten(density)
         self.rest = structure, tuple(None if eqx.is_array(leaf) else leaf for leaf in leaves)
         self.arrays = jax.device_put([leaf for leaf in leaves if eqx.is_array(leaf)])  # once, not in every call

@@ -1,6 +1,6 @@
 """What sampling gives: draws of the free numbers, what they are worth, and what to keep in mind."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -52,8 +52,8 @@ class Posterior(eqx.Module):
     seconds: float = eqx.field(static=True)
 
     @staticmethod
-    def from_chain(fit: Fit, chain: Chain, judgement: Judgement, **more: Any) -> "Posterior":
-        """The draws of a chain that a judgement keeps. more : fields that describe the run."""
+    def from_chain(fit: Fit, chain: Chain, judgement: Judgement, said: Callable[[np.ndarray], list[str]], **more: Any) -> "Posterior":
+        """The draws of a chain that a judgement keeps. said : what a sampler says of its draws. more : fields that describe the run."""
         kept = judgement.kept
         x = np.swapaxes(chain.x[kept], 0, 1)
         return Posterior(
@@ -63,7 +63,7 @@ class Posterior(eqx.Module):
             divergent=chain.divergent[kept].T,
             judgement=judgement,
             steps=chain.count,
-            warnings=tuple(remarks(fit.problem.parameters, x.reshape(-1, x.shape[2]), judgement, chain.count)),
+            warnings=(*remarks(fit.problem.parameters, x.reshape(-1, x.shape[2]), judgement, chain.count), *said(x.reshape(-1, x.shape[2]))),
             **more,
         )
 

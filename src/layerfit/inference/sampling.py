@@ -27,10 +27,11 @@ from .quick_model import quick_density
 from .result import Fit
 from .settings import problem_settings, solver_settings
 from .starting_points import share_covariance, starting_points
+from .surrogate import Surrogate
 
-SAMPLERS = ("emcee", "nuts")
+SAMPLERS = ("emcee", "nuts", "surrogate")
 EFFECTIVE = 1000.0  # independent draws asked for by default
-_STEPS = {"emcee": 20_000, "nuts": 2000}
+_STEPS = {"emcee": 20_000, "nuts": 2000, "surrogate": 2000}
 _CHAINS = 4
 _WALKERS = 32
 _LEAST_STEPS = 10
@@ -58,9 +59,10 @@ def sample(
     Arguments
     ---------
     fit : a fit of this problem (default: it is fitted).
-    sampler : "emcee", an ensemble of walkers that needs no derivatives, or "nuts", a few chains that follow them (an extra, layerfit[nuts]).
+    sampler : "emcee", an ensemble of walkers that needs no derivatives; "nuts", a few chains that follow them (an extra, layerfit[nuts]); or
+        "surrogate", for a slow solver and a posterior with one maximum: proposals from polynomials in place of the model, each judged by the model.
     walkers : an even number, at least twice the free numbers (default 32, more for many numbers); for nuts the number of chains (4).
-    steps : largest number for each walker (default 20,000; for nuts 2000 after its warm-up).
+    steps : largest number for each walker (default 20,000; for nuts 2000 after its warm-up, for surrogate 2000).
     effective : number of independent draws to aim at; infinite: all steps are done.
     seed : of random numbers. folder : where the chain is kept in chain.h5, from which a run that ended early goes on, with more steps if asked.
     on_step : called with (steps done, largest number).
@@ -84,7 +86,7 @@ def sample(
     fit = _fit_of(problem, fit)
     density = quick_density(fit.problem, fit.x)
     settings = run_settings(problem, sampler, walkers, seed) | solver_settings(fit.problem)
-    way = _Ensemble(fit, density, walkers, seed) if sampler == "emcee" else _Nuts(fit, density, walkers, seed)
+    way = {"emcee": _Ensemble, "nuts": _Nuts, "surrogate": Surrogate}[sampler](fit, density, walkers, seed)
     shape = (steps + way.warm_up, walkers, len(problem.parameters), way.state_size)
     chain = chain_in_memory(*shape) if folder is None else chain_in_file(writable_folder(folder) / FILE, settings, *shape)
     try:
@@ -92,7 +94,8 @@ def sample(
     finally:
         chain.close()
     seconds = time.perf_counter() - began
-    return Posterior.from_chain(fit, chain, judgement, sampler=sampler, seed=seed, largest_steps=steps, settings=settings, seconds=seconds)
+    said = way.said if isinstance(way, Surrogate) else lambda _: []
+    return Posterior.from_chain(fit, chain, judgement, said, sampler=sampler, seed=seed, largest_steps=steps, settings=settings, seconds=seconds)
 
 
 def run_settings(problem: Problem, sampler: str, walkers: int, seed: int) -> dict[str, str]:
@@ -112,8 +115,8 @@ def check_request(problem: Problem, sampler: str, walkers: int | None, steps: in
         walkers = _CHAINS if sampler == "nuts" else max(_WALKERS, 4 * p)
     steps = _STEPS[sampler] if steps is None else steps
     least = 2 if sampler == "nuts" else max(2 * p, 4)
-    if isinstance(walkers, bool) or not isinstance(walkers, int) or walkers < least or (sampler == "emcee" and walkers % 2):
-        even = "an even number, " if sampler == "emcee" else ""
+    if isinstance(walkers, bool) or not isinstance(walkers, int) or walkers < least or (sampler != "nuts" and walkers % 2):
+        even = "an even number, " if sampler != "nuts" else ""
         raise InputError(f"walkers = {walkers!r}; allowed is {even}at least {least} (sampler '{sampler}', free numbers: {p})")
     if isinstance(steps, bool) or not isinstance(steps, int) or steps < _LEAST_STEPS:
         raise InputError(f"steps = {steps!r}; allowed is a whole number, at least {_LEAST_STEPS}")
