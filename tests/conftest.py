@@ -1,6 +1,8 @@
 """Shapes and types of every annotated function are checked in the test run, warnings are errors, nothing is promoted by accident."""
 
+import gc
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -9,6 +11,8 @@ os.environ.setdefault("MPLBACKEND", "svg")
 # most of a test's time is compilation: the quick code generator does, and XLA_FLAGS= in the environment brings back the one that users have
 os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0")
 
+import equinox as eqx
+import jax
 from click.testing import CliRunner
 from jaxtyping import install_import_hook
 
@@ -16,6 +20,20 @@ _MODULES = [f"layerfit.{package}" for package in ("optics", "scene.columns", "tr
 _HOOK = install_import_hook(_MODULES, "beartype.beartype")
 
 SHARED = Path(__file__).parent.parent.parent / "shared"
+
+
+_MAPS = Path("/proc/self/maps")
+_MANY = 25_000  # a process may have 65,530 memory maps; every compiled program keeps a few, and without one more the compiler crashes
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _programs_let_go() -> Iterator[None]:
+    """Compiled programs are dropped after a file of tests once they fill the process."""
+    yield
+    if _MAPS.exists() and _MAPS.read_bytes().count(b"\n") > _MANY:
+        eqx.clear_caches()
+        jax.clear_caches()
+        gc.collect()
 
 
 @pytest.fixture(scope="session")

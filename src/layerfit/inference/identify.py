@@ -150,7 +150,7 @@ def identify(
     >>> plan = lf.Planned(lf.RadialReflectance(r=[1, 2, 4, 8]), lf.Noise(relative=0.02))
     >>> found = lf.identify(skin, plan, free={"skin.sigma_a": (1e-3, 1), "skin.sigma_s_prime": (0.1, 10)}, solver=lf.LayeredDiffusion())
     >>> found.absolute.relative.round(3).tolist(), found.relative.determined.tolist()
-    ([0.034, 0.01], [True, True, False])
+    ([0.04, 0.015], [True, True, True])
     """
     if not isinstance(choose, int) or choose < 1:
         raise InputError(f"choose = {choose!r}; allowed is a whole number, at least 1")

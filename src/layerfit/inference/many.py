@@ -119,7 +119,7 @@ def fit_many(
     >>> problem = lf.Problem(skin, data, free={"skin.sigma_a": (1e-3, 1), "skin.sigma_s_prime": (0.1, 10)}, solver=lf.LayeredDiffusion())
     >>> result = lf.fit_many(problem, [data.values, 1.02 * data.values])
     >>> result.x.round(3).tolist()
-    [[0.011, 0.974], [0.011, 1.0]]
+    [[0.011, 0.974], [0.01, 0.99]]
     """
     began = time.perf_counter()
     if not isinstance(starts, int) or starts < 1:

@@ -92,7 +92,7 @@ def profile_likelihood(fit: Fit, name: str, *, levels: Sequence[float] = (0.68, 
     >>> free = {"skin.sigma_a": (1e-3, 1), "skin.sigma_s_prime": (0.1, 10)}
     >>> found = lf.profile_likelihood(lf.fit(lf.Problem(skin, data, free=free, solver=lf.LayeredDiffusion())), "skin.sigma_a")
     >>> [round(end, 4) for end in (found.intervals[0.68].low, found.intervals[0.68].high)]
-    [0.0103, 0.0111]
+    [0.0103, 0.0112]
     """
     problem = fit.problem
     if name not in problem.names:

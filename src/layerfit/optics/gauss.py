@@ -23,8 +23,8 @@ def unit_gauss(n: int) -> tuple[np.ndarray, np.ndarray]:
 def legendre(x: AnyArray, count: int) -> list[AnyArray]:
     """The first Legendre polynomials at x, real or complex, by their recurrence.
 
-    >>> legendre(np.array(0.5), 3)[2]
-    np.float64(-0.125)
+    >>> legendre(np.array([0.5]), 3)[2]
+    array([-0.125])
     """
     values = [0.0 * x + 1.0, x]
     for l in range(1, count - 1):
