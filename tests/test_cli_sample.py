@@ -78,7 +78,9 @@ def test_wrong_options(tmp_path, options, said):
 def test_interrupted(tmp_path):
     """Ctrl-C ends with 130 and leaves a chain that the next run goes on with."""
     scene = written(tmp_path, FITTED, exact())
-    command = [sys.executable, "-m", "layerfit.cli", "sample", str(scene), "--out", str(tmp_path / "out"), "--walkers", "8", "--steps", "100000"]
+    # a shell's background jobs begin with Ctrl-C ignored
+    program = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from layerfit.cli import run; run()"
+    command = [sys.executable, "-c", program, "sample", str(scene), "--out", str(tmp_path / "out"), "--walkers", "8", "--steps", "100000"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as child:
         chain = tmp_path / "out" / FILE
         until = time.monotonic() + 120
