@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import layerfit as lf
+from layerfit.inference.many import _most_alike, _stand_out
 
 R = np.linspace(0.5, 15.0, 24)
 GEOMETRY = lf.RadialReflectance(r=R)
@@ -42,8 +43,27 @@ def test_same_as_alone(sets):
         assert np.max(np.abs(many.covariance[row] - alone.covariance) / np.sqrt(np.outer(*[np.diag(alone.covariance)] * 2))) <= 0.01
         assert many.outcome[row] is lf.Outcome.CONVERGED
     assert np.all(many.determined)
-    assert np.all(many.runs == 2)
+    assert np.all(many.met == 4)
+    assert np.all(many.runs == 4)
     assert many.dof == 21
+
+
+def test_neighbours_are_the_nearest_in_relative_terms():
+    values = np.array([[1.0, 2.0], [1.3, 2.6], [1.1, 2.2], [9.0, 1.0], [1.0, 2.01]])
+    found = _most_alike(values, 0.01 * values, [0, 2])
+    assert found[:, 0].tolist() == [4, 2, 4, 1, 0]
+    assert found[0, 1] == 1
+
+
+def test_what_stands_out_is_tried_again(sets):
+    """A set whose first run ends in a poor minimum is seen among the others, and gets more runs."""
+    chi2 = np.array([20.0, 21, 22, 19, 18, 23, 25, 20, 60])
+    assert _stand_out(chi2).tolist() == [False] * 8 + [True]
+    assert not np.any(_stand_out(chi2[-3:]))
+    values, sd, _ = sets
+    odd = np.concatenate([values, values[:1] * (1.0 + 0.2 * (-1.0) ** np.arange(values.shape[1]))])
+    many = lf.fit_many(problem(values[0], sd[0]), odd, np.concatenate([sd, sd[:1]]), starts=2)
+    assert many.runs.tolist() == [2] * 12 + [10]
 
 
 def test_tables(sets):
