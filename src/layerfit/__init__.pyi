@@ -46,11 +46,15 @@ from .measurement.source import Edge as Edge
 from .measurement.source import Gaussian as Gaussian
 from .measurement.source import Line as Line
 from .measurement.source import Pencil as Pencil
+from .measurement.spectrum import Spectrum as Spectrum
 from .montecarlo_solver import MonteCarlo as MonteCarlo
 from .predict import predict as predict
+from .scene.chromophores import chromophore as chromophore
 from .scene.layer import HalfSpace as HalfSpace
 from .scene.layer import Layer as Layer
 from .scene.stack import Stack as Stack
+from .scene.tissue import TissueHalfSpace as TissueHalfSpace
+from .scene.tissue import TissueLayer as TissueLayer
 from .transport.auto import Auto as Auto
 from .transport.bssrdf import bssrdf as bssrdf
 from .transport.compact import CompactForm as CompactForm

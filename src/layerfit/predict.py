@@ -7,10 +7,12 @@ import numpy as np
 
 from .errors import InputError
 from .measurement.geometry import Geometry
+from .measurement.spectrum import Spectrum
 from .scene.columns import to_columns
 from .scene.stack import Stack
 from .solver import Domain, Solver
 from .transport.auto import Auto
+from .wavelengths import check_kinds, posed
 
 
 class Prediction(eqx.Module):
@@ -38,6 +40,9 @@ def predict(stack: Stack, geometries: Geometry | Sequence[Geometry], *, solver: 
     """
     geometries = [geometries] if isinstance(geometries, Geometry) else list(geometries)
     solver = Auto() if solver is None else solver
+    check_kinds(stack, geometries)
+    if stack.spectral:
+        return [_spectrum(stack, geometry, solver) for geometry in geometries if isinstance(geometry, Spectrum)]
     for geometry in geometries:
         solver.check(stack, geometry)
     chosen, why, _ = solver.choose(stack, geometries)
@@ -50,3 +55,15 @@ def predict(stack: Stack, geometries: Geometry | Sequence[Geometry], *, solver: 
             raise InputError(f"solver {chosen.name}: {geometry.kind} is not finite for {stack!r}; another solver may do")
     notes = [(*note, *said) for note in notes]
     return [Prediction(*row) for row in zip(geometries, values, errors, [chosen] * len(values), notes, strict=True)]
+
+
+def _spectrum(stack: Stack, geometry: Spectrum, solver: Solver) -> Prediction:
+    """Wavelength by wavelength."""
+    found = [predict(*one, solver=solver)[0] for one in posed(stack, geometry)]
+    errors = [one.estimated_error for one in found]
+    known = [error for error in errors if error is not None]
+    last = max(found, key=lambda one: one.solver.label)
+    notes = tuple(dict.fromkeys(note for one in found for note in one.notes))
+    return Prediction(
+        geometry, np.concatenate([one.values for one in found]), np.concatenate(known) if len(known) == len(errors) else None, last.solver, notes
+    )

@@ -14,6 +14,7 @@ from ..measurement.dataset import Dataset
 from ..scene.columns import Columns, to_columns
 from ..scene.stack import Stack
 from ..solver import Forward
+from ..wavelengths import Group, columns_at, over_wavelengths
 from .parameters import MODEL_ERROR, NUISANCE, Coordinates, FreeParameter
 from .priors import Priors
 from .scatter import Scatter
@@ -57,6 +58,10 @@ class Scene(eqx.Module):
         """Its columns."""
         return to_columns(self.stack(x), rough_faces=self.rough_faces)
 
+    def columns_at(self, x: Float[AnyArray, "p"], wavelength: Float[AnyArray, "w"]) -> Columns:
+        """Its columns at many wavelengths, which are the first axis of each."""
+        return columns_at(self.stack(x), wavelength, self.rough_faces)
+
 
 class Sample(eqx.Module):
     """One stack, what predicts its measurements, and for each of these its free radius."""
@@ -77,13 +82,30 @@ class Sample(eqx.Module):
         return [size.at(x, list(islice(values, size.count))) for size in self.sizes]
 
 
+class SpectralSample(eqx.Module):
+    """One stack of tissue and what predicts its spectra: for each group of the same wavelengths a forward model."""
+
+    scene: Scene
+    groups: tuple[Group, ...]
+    forwards: tuple[Forward, ...]
+    count: int = eqx.field(static=True)
+
+    def predict(self, x: Float[Array, "p"], shifts: Sequence[Float[Array, ""] | None]) -> list[Array]:
+        """Values of each spectrum, its calibration left out."""
+        found: dict[int, Array] = {}
+        for group, forward in zip(self.groups, self.forwards, strict=True):
+            values = over_wavelengths(forward, self.scene.columns_at(x, group.wavelength))
+            found |= dict(zip(group.members, values, strict=True))
+        return [found[i] for i in range(self.count)]
+
+
 class Model(eqx.Module):
     """Predictions and residuals at unbounded coordinates u.
 
     samples : the one asked for, then references; their measurements follow one another.
     """
 
-    samples: tuple[Sample, ...]
+    samples: tuple[Sample | SpectralSample, ...]
     coordinates: Coordinates
     scatter: tuple[Scatter, ...]
     priors: Priors
@@ -93,7 +115,7 @@ class Model(eqx.Module):
 
     def __init__(
         self,
-        samples: Sequence[Sample],
+        samples: Sequence[Sample | SpectralSample],
         parameters: Sequence[FreeParameter],
         datasets: Sequence[Dataset],
         scatter: Sequence[Scatter],
@@ -116,11 +138,6 @@ class Model(eqx.Module):
     def scene(self) -> Scene:
         """Of the sample asked for."""
         return self.samples[0].scene
-
-    @property
-    def forward(self) -> Forward:
-        """Of the sample asked for."""
-        return self.samples[0].forward
 
     @property
     def values(self) -> tuple[Float[AnyArray, "n"], ...]:

@@ -15,8 +15,9 @@ from ..scene.columns import Columns
 from ..scene.stack import Stack
 from ..solver import Choice, Domain, Solver
 from ..transport.auto import Auto
+from ..wavelengths import check_kinds, groups, posed, some
 from .likelihood import Likelihood, parse_likelihoods
-from .model import Model, Sample, Scene
+from .model import Model, Sample, Scene, SpectralSample
 from .model_error import error_covariances, stated_errors
 from .parameters import MODEL_ERROR, FreeParameter, calibration_names, free_parameters, spread_points
 from .priors import LogNormal
@@ -130,16 +131,28 @@ class Problem(eqx.Module):
         own = len(self.data) - sum(len(r.data) for r in self.references)
         return (self.data[:own], *(r.data for r in self.references))
 
-    def _sample(self, stack: Stack, data: Sequence[Dataset], choice: Choice | None, *, surroundings: bool) -> tuple[Sample, Choice]:
+    def _sample(self, stack: Stack, data: Sequence[Dataset], choice: Choice | None, *, surroundings: bool) -> tuple[Sample | SpectralSample, Choice]:
         """The forward model of one stack, and the solver that runs it."""
+        check_kinds(stack, [d.geometry for d in data])
+        if stack.spectral and self.model_error != "off":
+            raise InputError(f'model_error = {self.model_error!r} with spectra; allowed with them is "off"')
         scene = Scene(stack, self.parameters, self.ties, surroundings=surroundings)
-        domain = self._domain(scene, stack)
         start = stack.set({p.name: p.init for p in self.parameters if p.name in stack.names and p.name in scene.names})
         start = start.set({tie.name: float(tie.value(start)) for tie in scene.ties})
         geometries = [d.geometry for d in data]
         for geometry in geometries:
-            self.solver.check(start, geometry)
-        choice = self.solver.choose(start, geometries, _resolution(data)) if choice is None else choice
+            for one in posed(start, geometry):
+                self.solver.check(*one)
+        if choice is None:
+            choice = max((self.solver.choose(*one, _resolution(data)) for one in some(start, geometries)), key=lambda made: made.rung)
+        if stack.spectral:
+            parts = groups(geometries)
+            forwards = []
+            for group in parts:
+                domain = self._domain(scene, start.at(float(group.wavelength[0])), group.wavelength)
+                forwards.append(choice.solver.forward(domain, group.geometries, [(0.0, 0.0)] * len(group.geometries)))
+            return SpectralSample(scene, parts, tuple(forwards), len(data)), choice
+        domain = self._domain(scene, stack)
         laid = [(self._shift(d), *free_size(d, self.parameters)) for d in data]
         forward = choice.solver.forward(domain, [g for _, _, more in laid for g in more], [shift for shift, _, more in laid for _ in more])
         if not forward.differentiable:
@@ -152,7 +165,8 @@ class Problem(eqx.Module):
         stack : the fitted one. x : the fitted numbers in physical units, in the order of ``parameters``.
         """
         data = self._measurements[0]
-        better = self.solver.choose_again(self.choice, stack, [d.geometry for d in data], _resolution(data))
+        asked = [self.solver.choose_again(self.choice, *one, _resolution(data)) for one in some(stack, [d.geometry for d in data])]
+        better = max((made for made in asked if made is not None), key=lambda made: made.rung, default=None)
         if better is None:
             return None
         free = {}
@@ -179,12 +193,13 @@ class Problem(eqx.Module):
         )
         return eqx.tree_at(lambda p: p.model.scatter, self, scatter)
 
-    def _errors(self, samples: Sequence[Sample], x: np.ndarray, sizes: Sequence[np.ndarray]) -> list[np.ndarray | None]:
+    def _errors(self, samples: Sequence[Sample | SpectralSample], x: np.ndarray, sizes: Sequence[np.ndarray]) -> list[np.ndarray | None]:
         """Covariance of the model's error for each dataset. sizes : the values that stated errors are shares of."""
         found: list[np.ndarray | None] = []
         if self.model_error == "off":
             return [None] * len(self.data)
         for sample, data in zip(samples, self._measurements, strict=True):
+            assert isinstance(sample, Sample)  # spectra have no model error
             columns = sample.scene.columns(x)
             firsts = np.cumsum([0, *(size.count for size in sample.sizes)])[:-1]  # of the geometries that stand for a dataset
             stated = stated_errors(sample.forward, columns)
@@ -257,25 +272,26 @@ class Problem(eqx.Module):
                     raise InputError(f"'{dataset.name}.offset': its bound {bound:g} mm is not allowed: {error}") from None
         return bounds
 
-    def _columns_at(self, scene: Scene, x: np.ndarray) -> Columns:
+    def _columns_at(self, scene: Scene, x: np.ndarray, wavelength: np.ndarray | None) -> Columns:
         """The columns at free numbers x. Raises InputError where a function gives what no stack can have."""
         try:
-            return scene.columns(x)
+            return scene.columns(x) if wavelength is None else scene.columns_at(x, wavelength)
         except Exception as error:  # the function is the user's
             names = "', '".join(tie.name for tie in self.ties if tie.function is not None)
             where = ", ".join(f"{name} = {value:.3g}" for name, value in zip(self.names, x, strict=True))
             said = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
             raise InputError(f"ties '{names}': the function fails at {where}: {said}") from None
 
-    def _domain(self, scene: Scene, stack: Stack) -> Domain:
-        """Smallest and largest value of each column within the bounds."""
+    def _domain(self, scene: Scene, stack: Stack, wavelength: np.ndarray | None = None) -> Domain:
+        """Smallest and largest value of each column within the bounds. stack : a plain one. wavelength : those at which tissue is looked at."""
         low = np.array([p.low for p in self.parameters])
         high = np.array([p.high for p in self.parameters])
         # sigma_s' = sigma_s (1 - g) falls with g, everything else rises with its number
         falling = np.array([p.name.endswith(".g") for p in self.parameters])
-        corners = [self._columns_at(scene, x) for x in (low, high, np.where(falling, high, low), np.where(falling, low, high))]
-        if any(tie.function is not None for tie in self.ties):  # whose extremes may be anywhere
-            corners += [self._columns_at(scene, x) for x in spread_points(self.parameters, _LOOKED_AT)]
-        smallest = jax.tree.map(lambda *c: jnp.asarray(np.min(c, axis=0)), *corners)
-        largest = jax.tree.map(lambda *c: jnp.asarray(np.max(c, axis=0)), *corners)
+        corners = [self._columns_at(scene, x, wavelength) for x in (low, high, np.where(falling, high, low), np.where(falling, low, high))]
+        if wavelength is not None or any(tie.function is not None for tie in self.ties):  # whose extremes may be anywhere
+            corners += [self._columns_at(scene, x, wavelength) for x in spread_points(self.parameters, _LOOKED_AT)]
+        axes = 0 if wavelength is None else (0, 1)
+        smallest = jax.tree.map(lambda *c: jnp.asarray(np.min(c, axis=axes)), *corners)
+        largest = jax.tree.map(lambda *c: jnp.asarray(np.max(c, axis=axes)), *corners)
         return Domain(stack, smallest, largest)

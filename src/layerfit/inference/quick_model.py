@@ -13,7 +13,7 @@ from ..transport.fewer_frequencies import fewer_frequencies
 from ..transport.spectral import SpectralForward
 from .density import Density
 from .log_densities import LogDensities
-from .model import Model, Scene
+from .model import Model, Sample, Scene
 from .parameters import spread_shares
 from .problem import Problem
 
@@ -25,7 +25,7 @@ _FAR = 1e-6  # and share of how far below it a place lies
 
 def is_spectral(model: Model) -> bool:
     """Whether all that it predicts is computed at spatial frequencies and brought together by one quadrature."""
-    return all(isinstance(sample.forward, SpectralForward) for sample in model.samples)
+    return all(isinstance(sample, Sample) and isinstance(sample.forward, SpectralForward) for sample in model.samples)
 
 
 @eqx.filter_jit
@@ -49,7 +49,7 @@ def quick_model(problem: Problem, least: Float[np.ndarray, "n"] | None = None) -
     cheap = []
     for sample in model.samples:
         mine = [floor for size in sample.sizes for floor in [next(floors)] * size.count]
-        assert isinstance(sample.forward, SpectralForward)
+        assert isinstance(sample, Sample) and isinstance(sample.forward, SpectralForward)
         cheap.append(fewer_frequencies(sample.forward, _columns(sample.scene, x), mine))
     return eqx.tree_at(lambda m: [sample.forward for sample in m.samples], model, cheap)
 

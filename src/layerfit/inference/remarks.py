@@ -7,6 +7,7 @@ from scipy.special import chdtrc
 
 from ..errors import InputError
 from ..scene.stack import Stack
+from ..wavelengths import posed
 from .parameters import FreeParameter
 from .problem import Problem
 from .result import Minimum
@@ -79,9 +80,10 @@ def on_solver(problem: Problem, stack: Stack) -> list[str]:
     """Of the solver at the fitted stack."""
     said = []
     for dataset in problem.data[: problem.model.samples[0].count]:
-        try:
-            problem.chosen.check(stack, dataset.geometry)
-        except InputError as error:
-            said.append(f"at the fitted values: {error}")
-        said.extend(problem.chosen.notes(stack, dataset.geometry))
-    return [*said, *problem.choice.notes]
+        for one in posed(stack, dataset.geometry):
+            try:
+                problem.chosen.check(*one)
+            except InputError as error:
+                said.append(f"at the fitted values: {error}")
+            said.extend(problem.chosen.notes(*one))
+    return [*dict.fromkeys(said), *problem.choice.notes]

@@ -398,6 +398,7 @@ GEOMETRIES: dict[str, type[Geometry]] = {
 
 def value_unit(geometry: Geometry) -> str:
     """Unit of the values."""
+    geometry = getattr(geometry, "geometry", geometry)  # of a spectrum: what is measured at each wavelength
     if isinstance(geometry, Angular):
         return "1/sr"
     return geometry.value_unit if isinstance(geometry, Radial) else "1"

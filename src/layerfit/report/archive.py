@@ -9,6 +9,7 @@ import numpy as np
 
 from ..files import writable_folder, write
 from ..measurement.geometry import Angular, Geometry, SpatialFrequency, value_unit
+from ..measurement.spectrum import Spectrum
 from ..predict import Prediction
 from .html import fit_report, svg
 from .plots import plot_fit
@@ -75,7 +76,15 @@ def save_fit(fit: "Fit", folder: Any, *, title: str = "layerfit") -> dict[str, P
 
 
 def _csv(geometry: Geometry, columns: dict[str, np.ndarray]) -> str:
-    unit = "rad/mm" if isinstance(geometry, SpatialFrequency) else "deg" if isinstance(geometry, Angular) else "mm"
+    unit = (
+        "nm"
+        if isinstance(geometry, Spectrum)
+        else "rad/mm"
+        if isinstance(geometry, SpatialFrequency)
+        else "deg"
+        if isinstance(geometry, Angular)
+        else "mm"
+    )
     table = {f"{name} [{unit}]": values for name, values in geometry.places().items()} | columns
     rows = zip(*table.values(), strict=True)
     return "\n".join([", ".join(table), *(", ".join(f"{v:.10g}" for v in row) for row in rows)]) + "\n"

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..measurement.geometry import Angular, Geometry, Radial, SpatialFrequency, value_unit
+from ..measurement.spectrum import Spectrum
 from .tables import unit_text
 
 if TYPE_CHECKING:
@@ -20,11 +21,15 @@ def axis_label(geometry: Geometry) -> str:
         return "distance r [mm]"
     if isinstance(geometry, Angular):
         return "angle [deg]"
+    if isinstance(geometry, Spectrum):
+        return "wavelength [nm]"
     return "spatial frequency k [rad/mm]" if isinstance(geometry, SpatialFrequency) else ""
 
 
 def value_label(geometry: Geometry) -> str:
     """Name and unit of the values."""
+    if isinstance(geometry, Spectrum):
+        return value_label(geometry.geometry)
     symbol = "R" if geometry.side == "above" else "T"
     argument = {"radial_reflectance": "(r)", "radial_transmittance": "(r)", "spatial_frequency": "(k)"}.get(geometry.kind, "")
     unit = unit_text(value_unit(geometry))

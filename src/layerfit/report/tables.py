@@ -122,6 +122,8 @@ def derived_rows(fit: "Fit") -> list[dict[str, str]]:
 
     Uncertainties by linear propagation of the covariance.
     """
+    if fit.stack.spectral:
+        return []
     values, slopes = (np.asarray(a) for a in _derived(fit.problem.model.scene, fit.x))
     sd = np.sqrt(np.maximum(np.einsum("qlp,pr,qlr->ql", slopes, fit.covariance, slopes), 0.0))
     keys = ("mu_eff", "penetration", "mfp", "albedo")

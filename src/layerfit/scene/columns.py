@@ -44,6 +44,8 @@ def to_columns(stack: Stack, *, rough_faces: tuple[bool, ...] | None = None) -> 
 
     rough_faces : for traced roughness, which faces may be rough (default: those whose roughness is not 0).
     """
+    if stack.spectral:
+        raise InputError("the stack has layers of tissue, whose optics depend on the wavelength; allowed here is stack.at(wavelength)")
     faces = [layer.roughness for layer in stack.layers] + ([] if stack.half_space else [stack.roughness_below])
     smooth = tuple(not r for r in rough_faces) if rough_faces is not None else tuple(_is_zero(r) for r in faces)
 

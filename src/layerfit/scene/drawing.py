@@ -7,11 +7,13 @@ from .layer import Layer
 from .stack import Stack
 
 _WIDTH, _HEIGHT, _LABEL = 150, 240, 330
+_SHOWN = 600.0  # nm
 _LETTER = 7.5  # width that a bold letter of 12 pixels rarely exceeds on average
 
 
 def stack_svg(stack: Stack) -> str:
-    """The stack as an SVG: layers to scale (a thin one at least 3 pixels), darker with absorption, the beam from above."""
+    """The stack as an SVG: layers to scale (a thin one at least 3 pixels), darker with absorption, the beam from above; tissue at 600 nm."""
+    stack = stack.at(_SHOWN) if stack.spectral else stack
     finite = [float(layer.thickness) for layer in stack.layers if isinstance(layer, Layer)]
     total = sum(finite) * (1.4 if stack.half_space else 1.0) or 1.0
     heights = [max(3.0, float(layer.thickness) / total * _HEIGHT) if isinstance(layer, Layer) else 0.28 * _HEIGHT for layer in stack.layers]

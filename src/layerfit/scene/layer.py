@@ -1,7 +1,7 @@
 """A layer and a half space: the nouns a person writes."""
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -42,7 +42,25 @@ def check_range(value: Number, where: str, low: float, *, strict: bool = False, 
         raise InputError(f"{where} = {number!r}: allowed is a finite number {allowed}")
 
 
-class _Medium(eqx.Module):
+class Part(eqx.Module):
+    """One layer of a stack, of whatever kind."""
+
+    endless: ClassVar[bool] = False
+
+    def _take_name(self, name: str) -> None:
+        if not isinstance(name, str) or not name or name != name.strip() or not name.isprintable() or "." in name or name == "scene":
+            raise InputError(f"layer name {name!r}: allowed is a non-empty text without dots, other than 'scene'")
+        self.name = name
+
+    def __or__(self, other: "Part") -> "Stack":
+        from .stack import Stack  # a stack is made of layers: the import must wait until both exist
+
+        if self.endless:
+            raise InputError(f"half space '{self.name}' is not the last layer: nothing can lie under a half space")
+        return Stack((self,)) | other  # pyright: ignore[reportArgumentType]
+
+
+class _Medium(Part):
     """What a layer and a half space share: how light is absorbed, scattered and refracted."""
 
     name: str = eqx.field(static=True)
@@ -64,14 +82,12 @@ class _Medium(eqx.Module):
         n: Number,
         roughness: Number = 0.0,
     ):
-        if not isinstance(name, str) or not name or name != name.strip() or not name.isprintable() or "." in name or name == "scene":
-            raise InputError(f"layer name {name!r}: allowed is a non-empty text without dots, other than 'scene'")
+        self._take_name(name)
         if (sigma_s is None) == (sigma_s_prime is None):
             given = "neither" if sigma_s is None else "both"
             raise InputError(f"layer '{name}': {given} of sigma_s and sigma_s_prime given; allowed is one of them")
         if sigma_s is not None and g is None:
             raise InputError(f"layer '{name}': sigma_s given without g; allowed is sigma_s with g, or sigma_s_prime")
-        self.name = name
         self.sigma_a = as_number(sigma_a, f"layer '{name}': sigma_a")
         self.reduced = sigma_s is None
         self.scattering = as_number(sigma_s_prime if sigma_s is None else sigma_s, f"layer '{name}': {self._scattering_name}")
@@ -114,6 +130,15 @@ class _Medium(eqx.Module):
             "n": self.n,
             "roughness": self.roughness,
         }
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Names of its numbers."""
+        return tuple(f for f in LAYER_FIELDS if (f != "thickness" or not self.endless) and getattr(self, f) is not None)
+
+    def number(self, field: str) -> Number:
+        """One of its numbers."""
+        return getattr(self, field)
 
     @property
     def written_fields(self) -> tuple[str, ...]:
@@ -207,11 +232,6 @@ class Layer(_Medium):
         roughness = keywords.pop("roughness")
         return {**keywords, "thickness": self.thickness, "roughness": roughness}
 
-    def __or__(self, other: "Layer | HalfSpace") -> "Stack":
-        from .stack import Stack  # a stack is made of layers: the import must wait until both exist
-
-        return Stack((self,)) | other
-
 
 class HalfSpace(_Medium):
     """A homogeneous medium without a lower end; the last layer of a stack.
@@ -222,6 +242,8 @@ class HalfSpace(_Medium):
     >>> lf.HalfSpace("dermis", sigma_a=0.02, sigma_s_prime=2, n=1.4)
     HalfSpace('dermis', sigma_a=0.02, sigma_s_prime=2.0, n=1.4)
     """
+
+    endless: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -235,6 +257,3 @@ class HalfSpace(_Medium):
         roughness: Number = 0.0,
     ):
         super().__init__(name, sigma_a=sigma_a, sigma_s=sigma_s, sigma_s_prime=sigma_s_prime, g=g, n=n, roughness=roughness)
-
-    def __or__(self, other: object) -> "Stack":
-        raise InputError(f"half space '{self.name}' is not the last layer: nothing can lie under a half space")

@@ -5,7 +5,10 @@ from typing import Any
 import equinox as eqx
 
 from ..errors import InputError
-from .layer import LAYER_FIELDS, HalfSpace, Layer, Number, as_number, check_range
+from .layer import HalfSpace, Layer, Number, Part, as_number, check_range
+from .tissue import TissueHalfSpace, TissueLayer
+
+AnyLayer = Any  # Layer, HalfSpace, TissueLayer or TissueHalfSpace; solvers see the first two alone
 
 SCENE_FIELDS = ("n_above", "n_below", "roughness_below")
 
@@ -31,14 +34,14 @@ class Stack(eqx.Module):
     0.03
     """
 
-    layers: tuple[Layer | HalfSpace, ...]
+    layers: tuple[AnyLayer, ...]
     n_above: Number
     n_below: Number
     roughness_below: Number
 
     def __init__(
         self,
-        layers: "tuple[Layer | HalfSpace, ...] | list[Layer | HalfSpace]",
+        layers: "tuple[AnyLayer, ...] | list[AnyLayer]",
         *,
         n_above: Number = 1.0,
         n_below: Number = 1.0,
@@ -52,7 +55,7 @@ class Stack(eqx.Module):
             raise InputError("a stack without layers was given; allowed is one layer or more")
         names = [layer.name for layer in self.layers]
         for i, layer in enumerate(self.layers[:-1]):
-            if isinstance(layer, HalfSpace):
+            if layer.endless:
                 raise InputError(f"half space '{layer.name}' (layer {i + 1} of {len(names)}) is not the last layer")
         for name in names:
             if names.count(name) > 1:
@@ -64,17 +67,22 @@ class Stack(eqx.Module):
     @property
     def half_space(self) -> bool:
         """Whether the last layer has no lower end."""
-        return isinstance(self.layers[-1], HalfSpace)
+        return self.layers[-1].endless
+
+    @property
+    def spectral(self) -> bool:
+        """Whether a layer's optics depend on the wavelength."""
+        return any(not isinstance(layer, Layer | HalfSpace) for layer in self.layers)
+
+    def at(self, wavelength: Any) -> "Stack":
+        """The stack of plain layers at one wavelength [nm]. Raises InputError for wavelengths outside a layer's tables."""
+        layers = [layer if isinstance(layer, Layer | HalfSpace) else layer.at(wavelength) for layer in self.layers]
+        return Stack(layers, **self._surroundings())
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of all numbers that can be read, set or fitted."""
-        layers = [
-            f"{layer.name}.{field}"
-            for layer in self.layers
-            for field in LAYER_FIELDS
-            if (field != "thickness" or isinstance(layer, Layer)) and getattr(layer, field) is not None
-        ]
+        layers = [f"{layer.name}.{field}" for layer in self.layers for field in layer.fields]
         return (*layers, *(f"scene.{field}" for field in SCENE_FIELDS))
 
     @property
@@ -83,8 +91,8 @@ class Stack(eqx.Module):
         layers = [f"{layer.name}.{field}" for layer in self.layers for field in layer.written_fields]
         return (*layers, *(f"scene.{field}" for field in SCENE_FIELDS))
 
-    def __or__(self, other: "Layer | HalfSpace") -> "Stack":
-        if not isinstance(other, Layer | HalfSpace):
+    def __or__(self, other: AnyLayer) -> "Stack":
+        if not isinstance(other, Part):
             return NotImplemented
         return Stack((*self.layers, other), **self._surroundings())
 
@@ -101,7 +109,7 @@ class Stack(eqx.Module):
     def get(self, name: str) -> Number:
         """The number called ``layer.field`` or ``scene.field``; InputError where there is none."""
         index, field = self._find(name, self.names)
-        return getattr(self if index is None else self.layers[index], field)
+        return getattr(self, field) if index is None else self.layers[index].number(field)
 
     def set(self, values: dict[str, Any]) -> "Stack":
         """A new stack with some numbers replaced; this one stays as it is. InputError for a name that does not exist."""
