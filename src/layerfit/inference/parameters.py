@@ -28,15 +28,10 @@ SIZES = ("source_radius", "detector_radius")  # of a disk or Gaussian source, of
 MODEL_ERROR = "scene.model_error"  # scale of the solver's stated error
 HYPER = "hyper."  # numbers that priors depend on
 _UNITS = {
-    "sigma_a": "1/mm",
-    "sigma_s": "1/mm",
-    "sigma_s_prime": "1/mm",
-    "thickness": "mm",
-    "offset": "mm",
-    "a": "1/mm",
-    "vessel_radius": "mm",
+    **dict.fromkeys(("sigma_a", "sigma_s", "sigma_s_prime", "a"), "1/mm"),
+    **dict.fromkeys(("thickness", "offset", "vessel_radius", *SIZES), "mm"),
     "bilirubin": "umol/L",
-} | dict.fromkeys(SIZES, "mm")
+}
 # lowest and highest value each number may ever have: (value, whether it may be reached)
 _PHYSICAL = {
     "sigma_a": ((0.0, True), (math.inf, False)),
@@ -53,10 +48,7 @@ _PHYSICAL = {
     "source_radius": ((0.0, False), (math.inf, False)),
     "detector_radius": ((0.0, False), (math.inf, False)),
     MODEL_ERROR: ((0.0, True), (math.inf, False)),
-    "a": ((0.0, True), (math.inf, False)),
-    "vessel_radius": ((0.0, True), (math.inf, False)),
-    "bilirubin": ((0.0, True), (math.inf, False)),
-    "baseline": ((0.0, True), (math.inf, False)),
+    **dict.fromkeys(("a", "vessel_radius", "bilirubin", "baseline"), ((0.0, True), (math.inf, False))),
 } | dict.fromkeys(FRACTIONS, ((0.0, True), (1.0, True)))
 _KEYS = ("min", "max", "init", "scale", "prior")
 _LOG_BY_DEFAULT = ("sigma_a", "sigma_s", "sigma_s_prime", "thickness", "blood", "melanin", "a", "vessel_radius")

@@ -48,8 +48,8 @@ def quick_model(problem: Problem, least: Float[np.ndarray, "n"] | None = None) -
     x = _spread(problem, _SAMPLES)
     cheap = []
     for sample in model.samples:
-        mine = [floor for size in sample.sizes for floor in [next(floors)] * size.count]
         assert isinstance(sample, Sample) and isinstance(sample.forward, SpectralForward)
+        mine = [floor for size in sample.sizes for floor in [next(floors)] * size.count]
         cheap.append(fewer_frequencies(sample.forward, _columns(sample.scene, x), mine))
     return eqx.tree_at(lambda m: [sample.forward for sample in m.samples], model, cheap)
 

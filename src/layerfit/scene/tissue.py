@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax
 import numpy as np
+from jax.core import Tracer
 
 from ..errors import InputError
 from .chromophores import MELANOSOME, UNITS, Spectrum, interpolated, packaging, spectrum
@@ -13,7 +14,8 @@ from .layer import HalfSpace, Layer, Number, Part, as_number, check_range
 
 FRACTIONS = ("blood", "saturation", "melanin", "water", "fat", "rayleigh")
 _SCATTERING = ("a", "b", "rayleigh")
-_DEFAULTS = {"rayleigh": 0.0, "roughness": 0.0, "saturation": 0.7}
+_HIDDEN = ("rayleigh", "roughness")  # not shown where they are 0
+_DEFAULTS = {"saturation": 0.7, "melanin_slope": 3.0}
 
 
 class _Tissue(Part):
@@ -21,23 +23,23 @@ class _Tissue(Part):
 
     name: str = eqx.field(static=True)
     numbers: dict[str, Number]
-    chromophores: dict[str, Spectrum] = eqx.field(static=True)
+    chromophores: tuple[tuple[str, Spectrum], ...] = eqx.field(static=True)
     index: tuple[tuple[float, ...], tuple[float, ...]] | None = eqx.field(static=True)
     reference: float = eqx.field(static=True)
 
     def __init__(self, name: str, *, n: Any, g: Any, reference: float, chromophores: Mapping[str, Spectrum] | None, numbers: Mapping[str, Any]):
         self._take_name(name)
-        self.chromophores = dict(chromophores or {})
+        self.chromophores = tuple((chromophores or {}).items())
         self.reference = float(reference)
         if not self.reference > 0:
             raise InputError(f"layer '{name}': reference = {reference!r}; allowed is a wavelength in nm")
         taken = {*UNITS, "vessel_radius", "melanin_slope", "thickness", "roughness", "n", "g", *_SCATTERING}
-        for own, table in self.chromophores.items():
+        for own, table in self.chromophores:
             if own in taken or not isinstance(table, Spectrum):
                 raise InputError(
                     f"layer '{name}': chromophores '{own}'; allowed are other names than {', '.join(sorted(taken))}, with lf.chromophore(...)"
                 )
-        allowed = (*UNITS, "vessel_radius", "melanin_slope", *self.chromophores)
+        allowed = (*UNITS, "vessel_radius", "melanin_slope", *dict(self.chromophores))
         held = {k: v for k, v in numbers.items() if v is not None}
         for key in held:
             if key not in (*allowed, *_SCATTERING, "thickness", "roughness"):
@@ -47,7 +49,7 @@ class _Tissue(Part):
         if "blood" in held:
             held.setdefault("saturation", _DEFAULTS["saturation"])
         if "melanin" in held:
-            held.setdefault("melanin_slope", 3.0)
+            held.setdefault("melanin_slope", _DEFAULTS["melanin_slope"])
         held.setdefault("rayleigh", 0.0)
         held.setdefault("roughness", 0.0)
         if g is not None:
@@ -95,11 +97,12 @@ class _Tissue(Part):
     def _again(self, **numbers: Number) -> "_Tissue":
         n = numbers.pop("n", None) if self.index is None else self.index
         g = numbers.pop("g", None)
-        return type(self)(self.name, n=n, g=g, reference=self.reference, chromophores=self.chromophores, **numbers)  # pyright: ignore[reportArgumentType]
+        return type(self)(self.name, n=n, g=g, reference=self.reference, chromophores=dict(self.chromophores), **numbers)  # pyright: ignore[reportArgumentType]
 
     def sigma_a(self, wavelength: Any) -> Number:
         """Absorption coefficient [1/mm] at a wavelength [nm]: the sum over what it holds."""
         total: Any = 0.0
+        own = dict(self.chromophores)
         where = f"layer '{self.name}'"
         for key, amount in self.numbers.items():
             if key == "blood":
@@ -110,8 +113,8 @@ class _Tissue(Part):
                 total = total + amount * pure * (1.0 if radius is None else packaging(pure, radius))
             elif key == "melanin":
                 total = total + amount * MELANOSOME * (wavelength / 500.0) ** (-self.numbers["melanin_slope"])
-            elif key in self.chromophores:
-                total = total + amount * self.chromophores[key].at(wavelength, f"{where}: {key}")
+            elif key in own:
+                total = total + amount * own[key].at(wavelength, f"{where}: {key}")
             elif key in UNITS and key != "saturation":
                 total = total + amount * spectrum(key).at(wavelength, f"{where}: {key}")
         return total
@@ -126,7 +129,7 @@ class _Tissue(Part):
         """Refractive index."""
         if self.index is None:
             return self.numbers["n"]
-        return interpolated(wavelength, np.array(self.index[0]), np.array(self.index[1]), f"layer '{self.name}': n")
+        return interpolated(wavelength, *self.index, f"layer '{self.name}': n")
 
     def at(self, wavelength: Any) -> Layer | HalfSpace:
         """The plain layer at one wavelength [nm]. Raises InputError outside a table."""
@@ -144,12 +147,8 @@ class _Tissue(Part):
         return Layer(self.name, thickness=self.numbers["thickness"], **optics)
 
     def __repr__(self) -> str:
-        hidden = {"rayleigh": 0.0, "roughness": 0.0}
-        parts = [
-            f"{k}={v!r}" if isinstance(v, jax.core.Tracer) else f"{k}={float(v):.6g}"
-            for k, v in self.numbers.items()
-            if hidden.get(k, v) is v or hidden.get(k) != v
-        ]
+        shown = {k: v for k, v in self.numbers.items() if isinstance(v, Tracer) or k not in _HIDDEN or float(v) != 0.0}
+        parts = [f"{k}={v!r}" if isinstance(v, Tracer) else f"{k}={float(v):.6g}" for k, v in shown.items()]
         return f"{type(self).__name__}({self.name!r}, {', '.join(parts)})"
 
 
@@ -171,7 +170,8 @@ class TissueLayer(_Tissue):
     name : as for `Layer`. thickness : [mm].
     blood : volume fraction of whole blood (150 g/L haemoglobin). saturation : share of its haemoglobin that carries oxygen (default 0.7).
     vessel_radius : mean radius of its vessels [mm]; left out, blood is spread evenly (see `packaging`).
-    melanin : volume fraction of melanosomes. water, fat : volume fractions. bilirubin : [umol/L]. baseline : share of bloodless skin's absorption.
+    melanin : volume fraction of melanosomes, each 51.9 (lambda/500 nm)^-melanin_slope /mm (default slope 3).
+    water, fat : volume fractions. bilirubin : [umol/L]. baseline : share of bloodless skin's absorption.
     chromophores : substances of one's own, ``{"ink": lf.chromophore(...)}``; their amounts are further keywords, ``ink=0.1``.
     a, b, rayleigh, reference : sigma_s' = a (rayleigh (lambda/reference)^-4 + (1 - rayleigh) (lambda/reference)^-b) [1/mm], reference [nm].
     g : mean cosine, where a solver needs it. n : refractive index, or (wavelengths in nm, indices). roughness : as for `Layer`.
