@@ -7,7 +7,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
+from ..arrays import AnyArray
 from ..errors import InputError, one_of
 from ..measurement.dataset import Dataset
 from ..measurement.geometry import Radial
@@ -272,7 +274,7 @@ class Problem(eqx.Module):
                     raise InputError(f"'{dataset.name}.offset': its bound {bound:g} mm is not allowed: {error}") from None
         return bounds
 
-    def _columns_at(self, scene: Scene, x: np.ndarray, wavelength: np.ndarray | None) -> Columns:
+    def _columns_at(self, scene: Scene, x: np.ndarray, wavelength: np.ndarray | None = None) -> Columns:
         """The columns at free numbers x. Raises InputError where a function gives what no stack can have."""
         try:
             return scene.columns(x) if wavelength is None else scene.columns_at(x, wavelength)
@@ -288,10 +290,20 @@ class Problem(eqx.Module):
         high = np.array([p.high for p in self.parameters])
         # sigma_s' = sigma_s (1 - g) falls with g, everything else rises with its number
         falling = np.array([p.name.endswith(".g") for p in self.parameters])
-        corners = [self._columns_at(scene, x, wavelength) for x in (low, high, np.where(falling, high, low), np.where(falling, low, high))]
-        if wavelength is not None or any(tie.function is not None for tie in self.ties):  # whose extremes may be anywhere
-            corners += [self._columns_at(scene, x, wavelength) for x in spread_points(self.parameters, _LOOKED_AT)]
-        axes = 0 if wavelength is None else (0, 1)
-        smallest = jax.tree.map(lambda *c: jnp.asarray(np.min(c, axis=axes)), *corners)
-        largest = jax.tree.map(lambda *c: jnp.asarray(np.max(c, axis=axes)), *corners)
+        places = [low, high, np.where(falling, high, low), np.where(falling, low, high)]
+        if any(tie.function is not None for tie in self.ties):  # whose extremes may be anywhere
+            places += list(spread_points(self.parameters, _LOOKED_AT))
+        if wavelength is None:
+            corners = [self._columns_at(scene, x) for x in places]
+            smallest, largest = (jax.tree.map(lambda *c, of=of: jnp.asarray(of(c, axis=0)), *corners) for of in (np.min, np.max))
+        else:  # amounts and scattering act together: their extremes may be anywhere as well
+            self._columns_at(scene, low, wavelength)
+            smallest, largest = _extremes(scene, np.concatenate([places, spread_points(self.parameters, _LOOKED_AT)]), wavelength)
         return Domain(stack, smallest, largest)
+
+
+@eqx.filter_jit
+def _extremes(scene: Scene, x: Float[AnyArray, "m p"], wavelength: Float[AnyArray, "w"]) -> tuple[Columns, Columns]:
+    """Smallest and largest value of each column at many numbers and wavelengths."""
+    columns = jax.vmap(lambda one: scene.columns_at(one, wavelength))(jnp.asarray(x))
+    return jax.tree.map(lambda c: jnp.min(c, axis=(0, 1)), columns), jax.tree.map(lambda c: jnp.max(c, axis=(0, 1)), columns)
