@@ -167,7 +167,7 @@ def page(row, fits, x):
     units = [p.unit for p in fits[0].problem.parameters]
     lags = ", ".join(f"{r:.2f}" for r in row["residual_correlation_at_3_15_39_99_nm"])
     text = ["# 300 spectra of human skin", ""]
-    text += [part.replace("\n", " ") + "\n" for part in __doc__.strip().split("\n\n")[2:]]
+    text += [part.replace("\n", " ") + "\n" for part in __doc__.strip().split("\n\n")[3:]]
     text += [
         f"Made by `python benchmarks/nist_skin.py`. Work of the US government. {row['converged']} of {row['spectra']} fits converged.",
         "",
