@@ -12,7 +12,7 @@ from layerfit.scene_file import read_scene
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted((ROOT / "docs").glob("*.md"))
-BLOCK = re.compile(r"(^% not run: .+\n)?^```(python|sh|toml)\n(.*?)^```", re.M | re.S)
+BLOCK = re.compile(r"(^% not run: [^\n]+\n)?^```(python|sh|toml)\n(.*?)^```", re.M | re.S)
 
 
 def blocks(page: Path) -> list[tuple[str, str]]:
