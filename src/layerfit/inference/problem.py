@@ -139,6 +139,7 @@ class Problem(eqx.Module):
         if stack.spectral and self.model_error != "off":
             raise InputError(f'model_error = {self.model_error!r} with spectra; allowed with them is "off"')
         scene = Scene(stack, self.parameters, self.ties, surroundings=surroundings)
+        domain = None if stack.spectral else self._domain(scene, stack)
         start = stack.set({p.name: p.init for p in self.parameters if p.name in stack.names and p.name in scene.names})
         start = start.set({tie.name: float(tie.value(start)) for tie in scene.ties})
         geometries = [d.geometry for d in data]
@@ -147,14 +148,13 @@ class Problem(eqx.Module):
                 self.solver.check(*one)
         if choice is None:
             choice = max((self.solver.choose(*one, _resolution(data)) for one in some(start, geometries)), key=lambda made: made.rung)
-        if stack.spectral:
+        if domain is None:
             parts = groups(geometries)
             forwards = []
             for group in parts:
                 domain = self._domain(scene, start.at(float(group.wavelength[0])), group.wavelength)
                 forwards.append(choice.solver.forward(domain, group.geometries, [(0.0, 0.0)] * len(group.geometries)))
             return SpectralSample(scene, parts, tuple(forwards), len(data)), choice
-        domain = self._domain(scene, stack)
         laid = [(self._shift(d), *free_size(d, self.parameters)) for d in data]
         forward = choice.solver.forward(domain, [g for _, _, more in laid for g in more], [shift for shift, _, more in laid for _ in more])
         if not forward.differentiable:
