@@ -29,6 +29,9 @@ from .inference.result import Fit as Fit
 from .inference.result import Minimum as Minimum
 from .inference.result import Outcome as Outcome
 from .inference.sampling import sample as sample
+from .inference.slab_rows import SlabRows as SlabRows
+from .inference.slab_rows import fit_slabs as fit_slabs
+from .inference.slab_rows import slab as slab
 from .measurement.csv_file import read as read
 from .measurement.dataset import Dataset as Dataset
 from .measurement.dataset import Noise as Noise
@@ -40,6 +43,8 @@ from .measurement.geometry import SpatialFrequency as SpatialFrequency
 from .measurement.geometry import TotalReflectance as TotalReflectance
 from .measurement.geometry import TotalTransmittance as TotalTransmittance
 from .measurement.planned import Planned as Planned
+from .measurement.rxt_file import RxtFile as RxtFile
+from .measurement.rxt_file import read_rxt as read_rxt
 from .measurement.source import Detector as Detector
 from .measurement.source import Disk as Disk
 from .measurement.source import Edge as Edge

@@ -1,0 +1,76 @@
+"""Files of inverse adding-doubling: constructed ones against their known answers, measured ones without spheres against their own totals.
+
+python benchmarks/rxt_files.py [--data FOLDER]
+
+Writes docs/rxt-files.md. FOLDER holds the .rxt files of scottprahl/iad (tests/rxt), MIT licence, (c) 2020 Scott Prahl.
+"""
+
+import argparse
+import time
+from pathlib import Path
+
+import numpy as np
+from record import record
+
+import layerfit as lf
+
+ROOT = Path(__file__).parent.parent
+G = {"basic_C": 0.9, "basic_E": 0.9}  # stated in the files' comments, not in a column
+ANSWERS = {"basic_B": 1, "basic_C": 1, "basic_E": 1}  # mus and mua [1/mm] behind each row
+MOST = 60  # rows of a long file that are fitted, spread over it
+
+
+def answers(file, g):
+    """sigma_a and sigma_s' behind each row."""
+    told = np.array([[float(part) for part in remark.split()[:2]] for remark in file.remarks])
+    return np.stack([told[:, 1], told[:, 0] * (1.0 - g)], axis=1)
+
+
+def thinned(file):
+    keep = np.unique(np.linspace(0, len(file) - 1, MOST).astype(int))
+    columns = {name: column[keep] for name, column in file.columns.items()}
+    return lf.RxtFile(**{**vars(file), "columns": columns, "remarks": tuple(file.remarks[i] for i in keep)})
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data" / "iad-rxt")
+    folder = parser.parse_args().data
+    rows = []
+    for path in sorted((folder / "0_sphere").glob("*.rxt")):
+        file = lf.read_rxt(path)
+        if "M_T" not in file.columns:
+            rows.append({"file": path.name, "rows": len(file), "said": "M_T is missing: one number of a row cannot give two"})
+            continue
+        file, g = thinned(file), G.get(path.stem)
+        began = time.perf_counter()
+        found = lf.fit_slabs(file, g=g)
+        row = {"file": path.name, "rows": len(file), "seconds": time.perf_counter() - began, "met": int(np.sum(found.good))}
+        row["impossible"] = sum("comes back" in one or "possible is" in one for one in found.said)
+        row["missed"] = sum("missed" in one for one in found.said)
+        if path.stem in ANSWERS:
+            row["largest_error"] = np.max(np.abs(found.x / answers(file, g or 0.0) - 1), axis=0).tolist()
+        row["said"] = next((one for one in found.said if "missed" in one), "")
+        rows.append(row)
+        print(row, flush=True)
+        (ROOT / "docs" / "rxt-files.md").write_text(page(rows))
+    record("rxt_files", rows)
+
+
+def page(rows):
+    lines = ["# Files of inverse adding-doubling", "", " ".join(__doc__.split("\n\n")[0].split()), ""]
+    lines += ["Made by `python benchmarks/rxt_files.py`; of long files 60 rows. Data: S. Prahl, iad, tests/rxt (MIT).", ""]
+    lines += ["R and T are met where both are within 1 % and 1e-4. Inverse adding-doubling states 0.5 % for its answers.", ""]
+    lines += [
+        "| file | rows | R and T met | impossible | missed by every slab | largest error of sigma_a, sigma_s' | |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        error = ", ".join(f"{100 * e:.3f} %" for e in row.get("largest_error", [])) or "answer not known"
+        numbers = [str(row.get(key, "-")) for key in ("met", "impossible", "missed")]
+        lines.append(f"| {row['file']} | {row['rows']} | {' | '.join(numbers)} | {error} | {row['said']} |")
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    main()

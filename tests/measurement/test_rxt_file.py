@@ -1,0 +1,121 @@
+"""Files of inverse adding-doubling: what is read, and fits of their rows."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import layerfit as lf
+
+SHARED = Path(__file__).parents[3] / "shared" / "data" / "iad-rxt"
+HEAD = "IAD1 # {comment}\n1.4 # sample\n1.5 # slides\n1.0\n1.0\n2.0 # beam\n0.98\n{spheres}\n203 25 12 1 0.96\n203 25 12 1 0.96\n"
+real = pytest.mark.skipif(not SHARED.exists(), reason="the measured .rxt files are not there (shared/data beside the project)")
+
+
+def written(folder, rows, spheres=0):
+    path = folder / "slab.rxt"
+    path.write_text(HEAD.format(comment="one", spheres=spheres) + rows)
+    return path
+
+
+def test_forms_of_one_table(tmp_path):
+    """Counted or named columns, with or without a wavelength, one row a line or all in one."""
+    rows = np.array([[633.0, 0.3, 0.2], [650.0, 0.31, 0.21]])
+    forms = [
+        "2\n633 0.3 0.2 # first\n\n650 0.31 0.21\n",
+        "2 633 0.3 0.2 650 0.31 0.21",
+        "L r t\n633,0.3,0.2\n650,0.31,0.21",
+        "t L r\n0.2 633 0.3\n0.21 650 0.31",
+    ]
+    for form in forms:
+        file = lf.read_rxt(written(tmp_path, form))
+        for name, column in zip(("wavelength", "M_R", "M_T"), rows.T, strict=True):
+            assert np.array_equal(file.columns[name], column)
+        assert (file.n, file.n_slide, file.thickness, file.standard, file.spheres) == (1.4, 1.5, 1.0, 0.98, 0)
+    assert lf.read_rxt(written(tmp_path, forms[0])).remarks == ("first", "")
+    assert list(lf.read_rxt(written(tmp_path, forms[0])).to_pandas()["M_T"]) == [0.2, 0.21]
+    assert "wavelength" not in lf.read_rxt(written(tmp_path, "2\n0.3 0.2\n")).columns
+    assert "one sphere" in str(lf.read_rxt(written(tmp_path, forms[0], spheres=1)))
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        ("2\n0.3 0.2 0.1\n", "not whole"),
+        ("r q\n0.3 0.2\n", "column 'q'"),
+        ("r r\n0.3 0.2\n", "twice"),
+        ("9\n0.3\n", "9 measurements"),
+        ("2\n0.3 x\n", "'x'"),
+        ("2\n0.3 nan\n", "finite"),
+        ("", "no rows"),
+    ],
+)
+def test_wrong_files_are_named(tmp_path, rows, said):
+    with pytest.raises(lf.InputError) as caught:
+        lf.read_rxt(written(tmp_path, rows))
+    assert said in str(caught.value)
+    assert "slab.rxt" in str(caught.value)
+
+
+def test_other_files_are_refused(tmp_path):
+    (tmp_path / "a.rxt").write_text("r [mm], value\n")
+    for path in (tmp_path / "a.rxt", tmp_path / "none.rxt"):
+        with pytest.raises(lf.InputError, match=path.name):
+            lf.read_rxt(path)
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory):
+    """A file made from known samples, one row of which no sample can have."""
+    truth = [(0.1, 2.0), (1.0, 1.0), (0.02, 8.0)]
+    folder = tmp_path_factory.mktemp("rxt")
+    empty = lf.read_rxt(written(folder, "r t\n0.3 0.3\n"))
+    rows = ["r t"]
+    for sigma_a, sigma_s_prime in truth:
+        stack = lf.slab(empty, sigma_a=sigma_a, sigma_s_prime=sigma_s_prime, g=0.5)
+        totals = lf.predict(stack, [lf.TotalReflectance(specular="included"), lf.TotalTransmittance()], solver=lf.DiscreteOrdinates())
+        rows.append(" ".join(repr(float(one.values[0])) for one in totals))
+    rows.insert(2, "0.7 0.4")
+    return np.array(truth), lf.fit_slabs(lf.read_rxt(written(folder, "\n".join(rows))), g=0.5)
+
+
+def test_known_samples_are_found(fitted):
+    """Between glass, absorbing little and much: to 1e-4 (inverse adding-doubling: 5e-3)."""
+    truth, found = fitted
+    good = [0, 2, 3]
+    assert np.max(np.abs(found.x[good] / truth - 1)) <= 1e-4
+    assert np.all(found.good[good])
+    assert np.all(found.stderr[good] > 0)
+
+
+def test_impossible_rows_are_named(fitted):
+    found = fitted[1]
+    assert found.said[1] == "row 2: M_R + M_T = 1.1; more than 1 comes back"
+    assert np.all(np.isnan(found.x[1]))
+    assert list(found.to_pandas()["said"])[1] == found.said[1]
+    assert "row 2" in str(found)
+
+
+def test_both_totals_are_needed(tmp_path):
+    with pytest.raises(lf.InputError, match="M_T is missing"):
+        lf.fit_slabs(lf.read_rxt(written(tmp_path, "1\n0.3\n")))
+
+
+@real
+def test_every_real_file_is_read():
+    files = sorted(SHARED.glob("**/*.rxt"))
+    assert len(files) >= 60
+    read = {path.name: lf.read_rxt(path) for path in files}
+    assert read["510nm_phantom.rxt"].at("g", 0) > 0.5
+    assert read["terse_A.rxt"].columns["M_T"].tolist() == [0.249, 0.264]
+    assert len(read["mayna.rxt"]) == 321
+    assert sum(read["x_bad_data.rxt"].impossible(row) is not None for row in range(3)) == 2
+
+
+@real
+def test_known_answers_of_basic_b():
+    """mus and mua [1/mm] behind each row (g 0): within 0.1 %, where inverse adding-doubling reports 0.5 %."""
+    file = lf.read_rxt(SHARED / "0_sphere" / "basic_B.rxt")
+    truth = np.array([[float(part) for part in remark.split()] for remark in file.remarks])[:, ::-1]
+    found = lf.fit_slabs(file)
+    assert np.max(np.abs(found.x / truth - 1)) <= 1e-3
