@@ -19,7 +19,7 @@ LETTERS = {
     "L": "wavelength", "r": "M_R", "t": "M_T", "u": "M_U", "g": "g", "n": "n", "N": "n_slide", "d": "thickness", "D": "slide_thickness",
     "i": "incidence", "w": "reflectance_wall", "W": "transmittance_wall", "R": "reflectance_standard", "T": "transmittance_standard",
     "a": "albedo", "A": "sigma_a", "b": "optical_thickness", "B": "beam", "F": "sigma_s", "Q": "unscattered_fraction", "S": "spheres",
-    "c": "unscattered_in_M_R", "C": "unscattered_in_M_T", "e": "error", "E": "error", "f": "wall_first", "x": "x", "X": "X",
+    "c": "unscattered_in_M_R", "C": "unscattered_in_M_T", "e": "error", "E": "slide_optical_thickness", "f": "wall_first", "x": "x", "X": "X",
 }  # fmt: skip
 """Columns by the letter that names them in a file."""
 
