@@ -1,4 +1,9 @@
 from . import montecarlo as montecarlo
+from .appearance import Colour as Colour
+from .appearance import colour as colour
+from .appearance import colour_of_rgb as colour_of_rgb
+from .appearance import delta_e as delta_e
+from .appearance import swatches as swatches
 from .comparison import Comparison as Comparison
 from .comparison import compare as compare
 from .errors import InputError as InputError
