@@ -17,7 +17,6 @@ import gzip
 import time
 from pathlib import Path
 
-import colour
 import equinox as eqx
 import numpy as np
 from matplotlib.figure import Figure
@@ -63,15 +62,6 @@ def problem(wavelength, values):
     return lf.Problem(SKIN, data, free=FREE, ties=TIES, likelihood=noise, solver=lf.DiscreteOrdinates(streams=STREAMS))
 
 
-def lab(wavelength, values):
-    """CIE Lab under D65, 2 degrees."""
-    spectrum = colour.SpectralDistribution(values, wavelength).align(colour.SpectralShape(400, 780, 5))
-    return colour.XYZ_to_Lab(
-        colour.sd_to_XYZ(spectrum, illuminant=colour.SDS_ILLUMINANTS["D65"]) / 100.0,
-        colour.CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"]["D65"],
-    )
-
-
 _predict = eqx.filter_jit(lambda model, x: model.predict(x)[0])
 
 
@@ -100,12 +90,8 @@ def main():
     predicted = np.array([np.asarray(_predict(fine, one)) for one in x])
     residual = predicted - flat[:, fitted]
     rms = np.sqrt(np.mean(residual**2, axis=1))
-    delta = []
-    for one, measured in zip(x, flat, strict=True):
-        delta.append(
-            colour.delta_E(lab(visible, np.interp(visible, whole, measured)), lab(visible, np.asarray(_predict(colours, one))), method="CIE 2000")
-        )
-    delta = np.array(delta)
+    seen = lf.colour(visible, np.array([np.asarray(_predict(colours, one)) for one in x]))
+    delta = seen.delta_e(lf.colour(whole, flat))
     exact = [
         lf.predict(fit.stack, lf.Spectrum(wavelength[::23], GEOMETRY), solver=lf.DiscreteOrdinates(streams=32))[0].values - p[::23]
         for fit, p in list(zip(fits, predicted, strict=True))[::60]
