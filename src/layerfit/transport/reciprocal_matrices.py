@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from ..errors import InputError, one_of
 from ..measurement.geometry import TotalReflectance
+from ..optics.microfacet_paths import brdf
 from ..scene.columns import Columns, to_columns
 from ..scene.stack import Stack
 from ..solver import Domain
@@ -21,6 +22,7 @@ from .ordinate_stack import Grid, Layout, lay_out, make_faces, make_grid, media,
 from .regular import SIDES, Face, regular
 from .response import Response, compose_all, reflection
 
+_AZIMUTHS = 256  # for the azimuthal orders of a rough surface
 _MOVES = 1e-9  # relative width of the domain given to a refractive index that is traced
 
 
@@ -124,8 +126,9 @@ def reciprocal_matrices(
     """All R_k and T_k of a stack with its faces.
 
     The matrices of Stam's algorithm for any number of layers: as the rule gives them, without the correction of once-scattered light that
-    predicted radiances have (above g 0.8 the difference is seen; totals need none). Behind rough faces values at single ordinates
-    within 3 degrees of grazing scatter about the truth by up to a fifth; sums over ordinates do not, nor do the radiances of `predict`.
+    predicted radiances have (above g 0.8 the difference is seen; totals need none). Behind rough faces transmitted light that was hardly scattered
+    scatters about the truth at single ordinates, within 3 degrees of grazing by up to a fifth; sums over ordinates do not, nor do the radiances of
+    `predict`. What a rough surface itself scatters back is exact at each ordinate for one facet.
 
     Arguments
     ---------
@@ -241,6 +244,12 @@ def assemble(shape: Shape, columns: Columns, grid: Grid, faces: tuple[Response[M
         scattered = operator.value[:, :rows, :size] - jnp.eye(rows, size) * direct[:size]
         return n2[out] * share[:, None, None] * scattered / (root[out][:, None] * root[into])
 
+    surfaces = [kernel(first, beams.surface_above, 0, 0), kernel(last, beams.surface_below, 1, 1)]
+    indices = (columns.n_above / columns.n[0], columns.n_below / columns.n[-1])
+    for side, face in ((0, 0), (1, -1)):
+        if not columns.smooth[face] and not (side == 1 and columns.half_space):
+            surfaces[side] = _surface(mu[side], weight[side], indices[side], columns.roughness[face], surfaces[side])
+
     return ReciprocalMatrices(
         mu_above=mu[0],
         mu_below=mu[1],
@@ -252,8 +261,8 @@ def assemble(shape: Shape, columns: Columns, grid: Grid, faces: tuple[Response[M
         R_below=kernel(whole.R_below - last, beams.below, 1, 1),
         T_down=kernel(whole.T_down, beams.down, 1, 0),
         T_up=kernel(whole.T_up, beams.up, 0, 1),
-        surface_above=kernel(first, beams.surface_above, 0, 0),
-        surface_below=kernel(last, beams.surface_below, 1, 1),
+        surface_above=surfaces[0],
+        surface_below=surfaces[1],
         regular_surface_above=beams.surface_above[:a],
         regular_surface_below=beams.surface_below[:b],
         regular_above=beams.above[:a],
@@ -261,3 +270,21 @@ def assemble(shape: Shape, columns: Columns, grid: Grid, faces: tuple[Response[M
         regular_down=beams.down[:a],
         regular_up=beams.up[:b],
     )
+
+
+def _surface(
+    mu: Float[Array, "a"], weight: Float[Array, "a"], n: Float[Array, ""], roughness: Float[Array, ""], kernel: Float[Array, "k a a"]
+) -> Float[Array, "k a a"]:
+    """What a rough face scatters back, at the ordinates themselves: one facet in closed form, and evenly what is then missing of each share.
+
+    kernel : the same as the rule deposits it between its ordinates, which has the right share in all directions and not the right value in each.
+    """
+    azimuth = 2.0 * np.pi * (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS
+    value = brdf(mu[None, :, None], mu[:, None, None], jnp.asarray(azimuth), n, roughness)
+    k = np.arange(kernel.shape[0])
+    modes = (2.0 - (k[:, None] == 0)) / _AZIMUTHS * np.cos(k[:, None] * azimuth)
+    once = jnp.einsum("oif,kf->koi", value, modes)
+    solid = 2.0 * jnp.pi * weight * mu  # of sum pi
+    missing = solid @ (kernel[0] - once[0])
+    even = (missing[:, None] + missing[None, :]) / jnp.pi - (solid @ missing) / jnp.pi**2
+    return once.at[0].add(even)
