@@ -17,6 +17,8 @@ from .inference.likelihood import Poisson as Poisson
 from .inference.likelihood import StudentT as StudentT
 from .inference.many import ManyFits as ManyFits
 from .inference.many import fit_many as fit_many
+from .inference.map_store import open_map as open_map
+from .inference.maps import fit_map as fit_map
 from .inference.model_comparison import ModelComparison as ModelComparison
 from .inference.model_comparison import compare_models as compare_models
 from .inference.parameters import FreeParameter as FreeParameter
@@ -59,6 +61,8 @@ from .measurement.source import Pencil as Pencil
 from .measurement.spectrum import Spectrum as Spectrum
 from .montecarlo_solver import MonteCarlo as MonteCarlo
 from .predict import predict as predict
+from .report.map_plots import plot_map as plot_map
+from .report.map_plots import plot_pixel as plot_pixel
 from .scene.chromophores import chromophore as chromophore
 from .scene.layer import HalfSpace as HalfSpace
 from .scene.layer import Layer as Layer

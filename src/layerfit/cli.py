@@ -296,6 +296,40 @@ def identify(scene: Path, solver: str | None, choose: int, out: Path | None) -> 
     click.echo(f"figure: {paths['identify.svg']}")
 
 
+@main.command("map")
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.option("--data", type=click.Path(path_type=Path), required=True, metavar="CUBE", help="Zarr store or netCDF file with named dimensions.")
+@click.option("--out", type=click.Path(path_type=Path), required=True, metavar="MAPS.zarr", help="Zarr store for the maps.")
+@click.option("--solver", metavar="NAME", help="Solver, instead of the one in the file.")
+@click.option("--starts", type=click.IntRange(1), default=5, show_default=True, metavar="N", help="Starts of each pixel.")
+@click.option("--block", type=click.IntRange(1), default=4096, show_default=True, metavar="N", help="Pixels fitted at a time.")
+@click.option("--saturated", type=float, metavar="X", help="Values from X on are no measurements.")
+@click.option("--scheduler", metavar="ADDRESS", help="Scheduler of dask, whose workers fit.")
+def map_command(
+    scene: Path, data: Path, out: Path, solver: str | None, starts: int, block: int, saturated: float | None, scheduler: str | None
+) -> None:
+    """Fit SCENE to every pixel of a cube.
+
+    The measurements of SCENE are those of one pixel; values of their own they
+    need none. A run that was interrupted goes on where it ended when the same
+    command is given again.
+    """
+    _keep_compilations()
+    from .mapping import run_map
+    from .scene_file import read_scene
+
+    description = read_scene(scene)
+    with _progress("fitting", "tile") as advance:
+        options = {"solver": solver, "starts": starts, "block": block, "saturated": saturated, "scheduler": scheduler}
+        maps, problem = run_map(description, data, out, on_tiles=advance, **options)
+    from .report.map_table import map_text, save_pictures
+
+    click.echo(map_text(maps, problem))
+    click.echo(f"maps: {out}")
+    for path in save_pictures(maps, out):
+        click.echo(f"figure: {path}")
+
+
 @main.command()
 @click.argument("name", type=click.Choice(_EXAMPLES))
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder to make (default: the example's name).")

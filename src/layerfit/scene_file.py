@@ -169,11 +169,11 @@ class SceneFile:
         except InputError as error:
             raise InputError(f"{self.path}: {error}") from None
 
-    def problem(self, solver: str | None = None) -> "Problem":
-        """The fit that the file describes. Raises InputError where it does not fit together."""
+    def problem(self, solver: str | None = None, data: list[Dataset] | None = None) -> "Problem":
+        """The fit that the file describes, or of other data. Raises InputError where it does not fit together."""
         from .inference.problem import Problem  # slow to import, and a prediction needs none of it
 
-        data, chosen = self.datasets(), self.solver(solver)
+        data, chosen = self.datasets() if data is None else data, self.solver(solver)
         try:
             return Problem(
                 self.stack,

@@ -52,8 +52,8 @@ class Batch:
     The model is the quick one (see `quick_model`); where that errs by what can be noticed, residuals are put right by the problem's own.
     """
 
-    def __init__(self, problem: Problem, what: str, least: Float[np.ndarray, "n"] | None = None):
-        """what : is asked for. least : the smallest size that each value has in the data.
+    def __init__(self, problem: Problem, what: str, least: Float[np.ndarray, "n"] | None = None, *, threads: int = 2):
+        """what : is asked for. least : the smallest size that each value has in the data. threads : chunks at a time.
 
         Raises InputError for a problem that is no least squares.
         """
@@ -62,7 +62,7 @@ class Batch:
                 f"{what} takes least squares alone; allowed are likelihoods gaussian and correlated, a model error that is off or on, and priors "
                 "whose numbers are given. Sample the posterior instead"
             )
-        self.problem = problem
+        self.problem, self.threads = problem, threads
         self.sizes = [d.geometry.size for d in problem.data]
         self.count = sum(self.sizes)
         self.model = quick_model(problem, least)
@@ -89,10 +89,14 @@ class Batch:
         held: Bool[np.ndarray, "m p"] | None = None,
         logarithms: bool = True,
         linearise: bool = False,
+        fine: bool = False,
     ) -> Descent:
-        """Descents from u, first on the logarithms of the data where asked for; with linearise only residuals and Jacobians at u."""
+        """Descents from u, first on the logarithms of the data where asked for; with linearise only residuals and Jacobians at u.
+
+        fine : to where steps are nothing, not only small beside the noise.
+        """
         held = np.zeros(u.shape, bool) if held is None else held
-        flags = np.array(0 if logarithms and not linearise else 1), np.array(linearise)
+        flags = np.array(0 if logarithms and not linearise else 1), np.array(linearise), np.array(fine)
         lanes = _LANES if self.spectral else 1  # a transport model fills the machine alone
 
         def one(part: slice) -> Descent:
@@ -101,11 +105,11 @@ class Batch:
             done = descend_many(self.model, rows, np.array(count), *flags, _MAX_STEPS, lanes)
             return jax.tree.map(lambda column: np.asarray(column)[:count], done)
 
-        count = -(-len(u) // _CHUNK) if len(u) <= _ALONE else 2 * -(-len(u) // (2 * _CHUNK))
+        count = -(-len(u) // _CHUNK) if len(u) <= _ALONE or self.threads == 1 else 2 * -(-len(u) // (2 * _CHUNK))
         edges = np.linspace(0, len(u), count + 1).astype(int).tolist()
         with _COMPILING:  # once, not in two threads at a time
             one(slice(0, 0))
-        with ThreadPoolExecutor(2) as pool:
+        with ThreadPoolExecutor(self.threads) as pool:
             parts = list(pool.map(one, [slice(*pair) for pair in pairwise(edges)]))
         return jax.tree.map(lambda *columns: np.concatenate(columns), *parts)
 
@@ -117,9 +121,10 @@ class Batch:
         *,
         held: Bool[np.ndarray, "m p"] | None = None,
         logarithms: bool = True,
+        fine: bool = False,
     ) -> Descent:
         """Descents whose residuals are those of the problem's own model, put right where the cheap one errs by what can be noticed."""
-        end = self.run(u, values, sd, held=held, logarithms=logarithms)
+        end = self.run(u, values, sd, held=held, logarithms=logarithms, fine=fine)
         if self.model is self.problem.model:
             return end
         for _ in range(3):
@@ -137,6 +142,7 @@ class Batch:
                 sd[wrong],
                 held=None if held is None else held[wrong],
                 logarithms=False,
+                fine=fine,
             )
             end = jax.tree.map(partial(_put, wrong), end, again)
         return end

@@ -20,6 +20,7 @@ from .model import Model
 _COARSE = 1e3
 _STALLED = 1e-7
 _STALLED_FIRST = 1e-4  # on logarithms
+_STALLED_FINE = 1e-15  # 1e-7 standard errors
 
 
 class Rows(eqx.Module):
@@ -47,7 +48,14 @@ class _Lanes(eqx.Module):
 
 
 def _descend_many(
-    model: Model, rows: Rows, count: Int[AnyArray, ""], first_stage: Int[AnyArray, ""], linearise: Bool[AnyArray, ""], max_steps: int, lanes: int
+    model: Model,
+    rows: Rows,
+    count: Int[AnyArray, ""],
+    first_stage: Int[AnyArray, ""],
+    linearise: Bool[AnyArray, ""],
+    fine: Bool[AnyArray, ""],
+    max_steps: int,
+    lanes: int,
 ) -> Descent:
     solver = LevenbergMarquardt()
     total, p = rows.u.shape
@@ -65,7 +73,7 @@ def _descend_many(
         return solver.init(None, y, None, {}, shape, None, frozenset())
 
     def step(row: Array, stage: Array, y: Array, state: Any) -> tuple[Array, Any]:
-        coarse, stalled = (COARSE, _COARSE), (_STALLED_FIRST, _STALLED)
+        coarse, stalled = (COARSE, jnp.where(fine, 1.0, _COARSE)), (_STALLED_FIRST, jnp.where(fine, _STALLED_FINE, _STALLED))
         options = {"linearise": linearise, "coarse": jnp.where(stage == 0, *coarse), "stalled": jnp.where(stage == 0, *stalled)}
         y, state, _ = solver.step(lambda y, _: (residuals(row, stage, y), None), y, None, options, state, frozenset())
         return y, state
@@ -110,5 +118,5 @@ descend_many: Callable[..., Descent] = eqx.filter_jit(_descend_many, **OPTIONS)
 """Descents from the first `count` rows; the other rows of the result mean nothing.
 
 Each begins at first_stage: 0 on logarithms, then on the data; 1 on the data alone. With linearise (and first_stage 1) only residuals and Jacobians
-are taken where the rows start.
+are taken where the rows start. With fine they go on until a step is nothing.
 """

@@ -21,7 +21,7 @@ from ..arrays import AnyArray
 from .model import Model
 
 _LONGEST = 2.0  # largest step in one coordinate; the logistic map turns over on this scale
-STALLED = 1e-9  # relative gain below which a step counts as none
+STALLED = 1e-14  # relative gain below which a step counts as none
 _PROBE = 0.1  # share of a step at which its bending is measured
 _MOST_BENT = 0.75  # longest correction by the bending, in steps
 _FIRST_STEP_SIZE = 100.0

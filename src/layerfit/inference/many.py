@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -25,6 +26,7 @@ _MET = 4  # runs of a set that end in its best minimum, after which no more are 
 _SPREAD = -1  # a start between the bounds, in place of the end of a neighbour
 _FARTHER = 4  # in place of a rank: the neighbour a quarter of all sets away, for what near ones have all missed
 _ORDER = (0, _FARTHER, 1, 2, _SPREAD, 3, _SPREAD)  # starts after the init: the ends of which neighbours, the nearest has rank 0
+_ORDER_OF_MAPS = (0, _SPREAD, _SPREAD, _FARTHER, _SPREAD, 1, _SPREAD)  # all of them are made: neighbours of neighbours can all miss the same minimum
 _ODD_RUNS = 8  # more runs of a set whose chi-square stands out
 _FAR = 5.0  # robust standard deviations above the median at which it does
 _FEW = 8  # sets among which none stands out
@@ -143,6 +145,16 @@ def fit_many(
     return _assemble(batch, values, sd, *ends, began)
 
 
+def fit_rows(batch: Batch, values: Float[np.ndarray, "m n"], sd: Float[np.ndarray, "m n"], starts: int, seed: int) -> ManyFits:
+    """Sets as `fit_many` fits them, from arrays that were checked, each then followed to where its steps are nothing."""
+    began = time.perf_counter()
+    best, met, runs = _ends(batch, values, sd, starts, seed, None, _ORDER_OF_MAPS, starts)
+    fine = batch.fit(np.asarray(best.u), values, sd, logarithms=False, fine=True)
+    worse = ~(_chi2(np.asarray(fine.residual)) <= _chi2(np.asarray(best.residual)))
+    best = jax.tree.map(lambda new, old: np.where(worse.reshape(-1, *[1] * (np.ndim(new) - 1)), old, new), fine, best)
+    return _assemble(batch, values, sd, best, met, runs, began)
+
+
 def _table(problem: Problem, values: Any, sd: Any) -> tuple[Float[np.ndarray, "m n"], Float[np.ndarray, "m n"]]:
     """Values and sd as given, checked."""
     n = sum(d.geometry.size for d in problem.data)
@@ -171,12 +183,19 @@ def _table(problem: Problem, values: Any, sd: Any) -> tuple[Float[np.ndarray, "m
 
 
 def _ends(
-    batch: Batch, values: np.ndarray, sd: np.ndarray, starts: int, seed: int, on_sets: Callable[[int, int], None] | None
+    batch: Batch,
+    values: np.ndarray,
+    sd: np.ndarray,
+    starts: int,
+    seed: int,
+    on_sets: Callable[[int, int], None] | None,
+    order: tuple[int, ...] = _ORDER,
+    enough: int = _MET,
 ) -> tuple[Descent, np.ndarray, np.ndarray]:
-    """The best end of each set, how many runs met in it, and how many were made."""
+    """The best end of each set, how many runs met in it, and how many were made; enough : runs that met, after which no more are made."""
     problem, sets = batch.problem, len(values)
     init = np.array([p.share(p.init) for p in problem.parameters])
-    rounds = [sets // _FARTHER if place == _FARTHER else place for place in _ORDER]
+    rounds = [sets // _FARTHER if place == _FARTHER else place for place in order]
     rounds = [place for place in rounds if place < sets - 1][: starts - 1]
     rounds += [_SPREAD] * (starts - 1 - len(rounds))
     ranks = sorted({place for place in rounds if place != _SPREAD})
@@ -187,7 +206,7 @@ def _ends(
     met, runs = np.ones(sets, int), np.ones(sets, int)
     for number, place in enumerate([*rounds, *[_SPREAD] * _ODD_RUNS]):
         odd = _stand_out(_chi2(np.asarray(best.residual)))
-        chosen = np.flatnonzero(odd if number >= len(rounds) else odd | (met < _MET))
+        chosen = np.flatnonzero(odd if number >= len(rounds) else odd | (met < enough))
         if chosen.size == 0 or (number >= len(rounds) and starts == 1):
             continue
         if on_sets:

@@ -45,7 +45,7 @@ def plot_fit(fit: "Fit") -> Figure:
     for i, dataset in enumerate(data):
         noise = 1.0 if fit.noise is None else fit.noise
         sd = noise * np.asarray(fit.problem.model.scatter[i].spread)
-        _panel(axes[0, i], axes[1, i], dataset.geometry, dataset.values, sd, fit.predictions[i], fit.residuals[i])
+        draw_panel(axes[0, i], axes[1, i], dataset.geometry, dataset.values, sd, fit.predictions[i], fit.residuals[i])
         axes[0, i].set_title(dataset.name, fontsize="medium", parse_math=False)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     axes[0, 0].legend(handles[::-1], labels[::-1], frameon=False)
@@ -53,7 +53,7 @@ def plot_fit(fit: "Fit") -> Figure:
     return figure
 
 
-def _panel(upper: Any, lower: Any, geometry: Geometry, values: np.ndarray, sd: np.ndarray, fitted: np.ndarray, residuals: np.ndarray) -> None:
+def draw_panel(upper: Any, lower: Any, geometry: Geometry, values: np.ndarray, sd: np.ndarray, fitted: np.ndarray, residuals: np.ndarray) -> None:
     x = geometry.centers()
     total = not geometry.places()
     upper.errorbar(x, values, sd, fmt="o", ms=4, lw=1, color=_DATA, label="data", zorder=3)
