@@ -1,6 +1,6 @@
 """Maps: a fit for every pixel of a camera's picture. Speed and its parts, against `lf.fit`, against the truth, with workers, and after accidents.
 
-python benchmarks/maps.py [speed|alone|phantom|ordinates|workers|large|accidents ...]   (all if left out; half an hour)
+python benchmarks/maps.py [speed|alone|phantom|ordinates|skin|workers|large|accidents ...]   (all if left out; half an hour)
 
 Writes benchmarks/results/maps.json and docs/maps.png.
 """
@@ -191,20 +191,57 @@ def large() -> dict:
 
 
 def ordinates() -> dict:
-    """The same picture by discrete ordinates at 5 frequencies."""
+    """The picture of 256 x 256 pixels by discrete ordinates, through polynomials; and what these change, on 12 pixels fitted without."""
     stated = problem(lf.DiscreteOrdinates())
-    image = cube(truth(16), stated).isel(wavelength=0)
     began = time.perf_counter()
-    lf.fit_map(stated, image.isel(y=slice(0, 1)), limits=LIMITS, starts=2)
-    first = time.perf_counter() - began
+    quick = lf.emulate(stated)
+    made = time.perf_counter() - began
+    image = cube(truth(256), stated).isel(wavelength=0)
     began = time.perf_counter()
-    maps = lf.fit_map(stated, image, limits=LIMITS, starts=2)
+    maps = lf.fit_map(quick, image, limits=LIMITS)
     seconds = time.perf_counter() - began
+    picked = np.flatnonzero(np.asarray(maps.outcome).ravel() == 0)[:: maps.outcome.size // 12]
+    apart = []
+    for i in picked:
+        data = lf.Dataset(lf.SpatialFrequency(fx=FX), image.values.reshape(-1, len(FX))[i], noise=lf.Noise(NOISE))
+        one = lf.fit(lf.Problem(STACK, data, free=FREE, solver=lf.DiscreteOrdinates()))
+        apart.append([abs(float(maps[n].values.ravel()[i]) - e.value) / (e.stderr or np.nan) for n, e in one.parameters.items()])
     return {
         "what": "ordinates",
-        "first_s": first,
-        "pixels_per_second": maps.outcome.size / seconds,
-        "256x256_minutes": 65536 / maps.outcome.size * seconds / 60,
+        "emulator_s": made,
+        "emulator_error": quick.model.error,
+        "predictions": int(np.prod(quick.model.coefficients[0].shape[:-1])),
+        "map_s": seconds,
+        "all_minutes": (made + seconds) / 60,
+        "converged": int((maps.outcome == 0).sum()),
+        "fitted_without": len(apart),
+        "largest_change_in_standard_errors": float(np.nanmax(apart)),
+        "median_change_in_standard_errors": float(np.nanmedian(apart)),
+    }
+
+
+def skin() -> dict:
+    """300 measured spectra of skin as a picture of 100 people x 3 repeats: discrete ordinates at 46 wavelengths, errors of 1.2 % taken as independent."""
+    import nist_skin as nist
+    import xarray as xr
+
+    wavelength, values = nist.spectra(nist.ROOT.parent / "shared" / "data" / "nist-skin")
+    coarse = np.flatnonzero((wavelength >= 450) & (wavelength <= 1000))[:: nist.STEP]
+    image = xr.DataArray(
+        values[..., coarse], dims=("person", "repeat", "wavelength"), coords={"wavelength": ("wavelength", wavelength[coarse], {"units": "nm"})}
+    )
+    data = lf.Dataset(lf.Spectrum(wavelength[coarse], nist.GEOMETRY), values[0, 0, coarse], noise=lf.Noise(relative=nist.RELATIVE))
+    stated = lf.Problem(nist.SKIN, data, free=nist.FREE, ties=nist.TIES, solver=lf.DiscreteOrdinates(streams=nist.STREAMS))
+    began = time.perf_counter()
+    maps = lf.fit_map(stated, image, starts=2)
+    seconds = time.perf_counter() - began
+    return {
+        "what": "300 spectra of skin",
+        "seconds": seconds,
+        "converged": int((maps.outcome == 0).sum()),
+        "median_reduced_chi2": float(np.median(maps.chi2) / maps.attrs["degrees_of_freedom"]),
+        "median_melanin": float(np.median(maps["epidermis.melanin"])),
+        "median_blood": float(np.median(maps["dermis.blood"])),
     }
 
 
@@ -297,7 +334,7 @@ def _full_disk(stated, image, calm) -> dict:
 
 
 def main():
-    parts = {f.__name__: f for f in (speed, alone, phantom, ordinates, workers, large, accidents)}
+    parts = {f.__name__: f for f in (speed, alone, phantom, ordinates, skin, workers, large, accidents)}
     chosen = sys.argv[1:] or list(parts)
     rows = []
     for name in chosen:

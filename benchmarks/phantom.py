@@ -12,7 +12,9 @@ from layerfit.inference.batch import predictions_at
 FX = [0.0, 0.05, 0.1, 0.25, 0.5]  # 1/mm
 NOISE = 0.005
 SATURATED = 0.98
-STACK = lf.Layer("top", sigma_a=0.05, sigma_s_prime=1.5, n=1.4, thickness=0.6) | lf.HalfSpace("deep", sigma_a=0.03, sigma_s_prime=1.0, n=1.4)
+STACK = lf.Layer("top", sigma_a=0.05, sigma_s_prime=1.5, g=0.8, n=1.4, thickness=0.6) | lf.HalfSpace(
+    "deep", sigma_a=0.03, sigma_s_prime=1.0, g=0.8, n=1.4
+)
 FREE = {"top.sigma_a": (1e-3, 0.5), "top.thickness": (0.1, 5.0), "deep.sigma_a": (1e-3, 0.5)}
 
 

@@ -7,6 +7,7 @@ from .appearance import swatches as swatches
 from .comparison import Comparison as Comparison
 from .comparison import compare as compare
 from .errors import InputError as InputError
+from .inference.emulate import emulate as emulate
 from .inference.fit import fit as fit
 from .inference.identify import Identification as Identification
 from .inference.identify import identify as identify

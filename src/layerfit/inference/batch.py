@@ -66,7 +66,7 @@ class Batch:
         self.sizes = [d.geometry.size for d in problem.data]
         self.count = sum(self.sizes)
         self.model = quick_model(problem, least)
-        self.spectral = is_spectral(problem.model)
+        self.quick = is_spectral(problem.model) or hasattr(problem.model, "coefficients")
 
     def split(self, values: np.ndarray) -> tuple[np.ndarray, ...]:
         """Values of all datasets, the last axis, one array a dataset."""
@@ -97,7 +97,7 @@ class Batch:
         """
         held = np.zeros(u.shape, bool) if held is None else held
         flags = np.array(0 if logarithms and not linearise else 1), np.array(linearise), np.array(fine)
-        lanes = _LANES if self.spectral else 1  # a transport model fills the machine alone
+        lanes = _LANES if self.quick else 1  # a transport model fills the machine alone
 
         def one(part: slice) -> Descent:
             rows = Rows(_filled(u[part]), _filled(held[part]), self.split(_filled(values[part])), self.split(_filled(sd[part])))

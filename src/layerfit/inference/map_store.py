@@ -81,8 +81,12 @@ class Store:
         try:
             if not self.path.exists() or not any(self.path.iterdir()):
                 self._create(dims, coords, names, attrs, stated)
+            elif not (self.path / "zarr.json").is_file():
+                raise InputError(f"{self.path}: holds something that is no map of layerfit; allowed is a new folder")
             self.group: Any = zarr.open_group(self.path, mode="r+")
             held = json.loads(self.group.attrs.get(_STATED, "null"))
+        except InputError:
+            raise
         except OSError as error:
             raise InputError(f"{self.path}: cannot be written ({error.strerror or error})") from None
         except Exception as error:

@@ -44,7 +44,8 @@ def fit_map(
 
     Arguments
     ---------
-    problem : the measurements of one pixel, what is free, the solver. Its values stand for the size of those of a pixel.
+    problem : the measurements of one pixel, what is free, the solver. Its values stand for the size of those of a pixel. For slow solvers:
+        `emulate(problem)`.
     data : DataArray, or Dataset with one variable a measurement, named as these. The dimensions of a profile are called r [mm], k [rad/mm] or
         fx [1/mm], angle [deg], wavelength [nm] and have the problem's places in its order; all others are pixels. Units in ``attrs["units"]``.
     sd : the same for standard deviations; dimensions may be missing. In a Dataset of data: variables ``name.sd``. Left out: noise (one for all or
@@ -79,6 +80,9 @@ def fit_map(
         "solver": problem.chosen.name,
         "limits": str(limits),
     }
+    error = getattr(problem.model, "error", None)
+    if error is not None:
+        attrs["emulator_error"] = error
     size = _own_tiles(cube) or tile_size(cube.shape, block)
     if store is None and cube.lazy:
         return unpacked(_lazily(fitter, cube), cube.dims, cube.coords, fitter.variables, problem.names, attrs)
@@ -89,6 +93,7 @@ def fit_map(
             packed[tile] = found
         return unpacked(packed, cube.dims, cube.coords, fitter.variables, problem.names, attrs)
     stated = problem_settings(problem) | {k: str(v) for k, v in fitter.stated.items() if k != "problem"} | _checksum(cube)
+    stated["emulator"] = str(error)
     kept = Store(store, cube.shape, size, cube.dims, cube.coords, fitter.variables, problem.names, attrs, stated)
     for tile, found in _fitted(fitter, cube, kept.todo(), client, on_tiles):
         kept.write(tile, found)
