@@ -50,9 +50,9 @@ def test_values_of_both_signs():
 
 
 def test_what_cannot_be_done():
+    """The kink of layered diffusion, where its source meets the interface, is no polynomial."""
     layers = lf.Layer("top", sigma_a=0.05, sigma_s_prime=1.5, n=1.4, thickness=0.6) | SKIN.layers[0]
-    free = {"top.thickness": (0.01, 20.0), "top.sigma_a": (1e-3, 1.0), "skin.sigma_a": (1e-3, 1.0), "top.sigma_s_prime": (0.1, 20.0)}
     with pytest.raises(lf.InputError, match="not reached"):
-        lf.emulate(problem({k: v for k, v in free.items() if k != "top.sigma_s_prime"} | FREE, layers), tolerance=1e-9)
+        lf.emulate(problem({"top.thickness": (0.01, 20.0), "top.sigma_s_prime": (0.1, 20.0), "skin.sigma_a": (1e-3, 1.0)}, layers), tolerance=1e-6)
     with pytest.raises(lf.InputError, match="tolerance"):
         lf.emulate(problem(), tolerance=0.0)
