@@ -76,7 +76,7 @@ class Fitter:
         *,
         relative: Float[np.ndarray, "n"],
         absolute: Float[np.ndarray, "n"],
-        limits: tuple[float | None, float | None],
+        limits: tuple[int | float | None, int | float | None],
         starts: int,
         seed: int,
         correlations: bool,

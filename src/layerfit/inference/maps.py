@@ -28,7 +28,7 @@ def fit_map(
     *,
     noise: Noise | Mapping[str, Noise] | None = None,
     mask: Any = None,
-    limits: tuple[float | None, float | None] = (0.0, None),
+    limits: tuple[int | float | None, int | float | None] = (0.0, None),
     starts: int = 5,
     seed: int = 0,
     correlations: bool = False,
@@ -100,7 +100,7 @@ def fit_map(
     return kept.opened()
 
 
-def _check(starts: int, block: int, limits: tuple[float | None, float | None]) -> None:
+def _check(starts: int, block: int, limits: tuple[int | float | None, int | float | None]) -> None:
     for name, value in (("starts", starts), ("block", block)):
         if isinstance(value, bool) or not isinstance(value, int) or value < 1:
             raise InputError(f"{name} = {value!r}; allowed is a whole number, at least 1")
