@@ -475,3 +475,14 @@ def test_double_precision():
     assert "float64" in imported(f"import layerfit; {show}")
     assert "float64" in imported(f"import jax, layerfit; {show}")
     assert "float32" in imported(f"import os; os.environ['JAX_ENABLE_X64'] = '0'; import layerfit; {show}")
+
+
+@pytest.mark.parametrize("command", ["", *sorted(main.commands)])
+def test_help_reads_well_at_80_columns(command):
+    """Nothing is wider, every option says what it is, and no line of text is cut off."""
+    text = CliRunner().invoke(main, [*command.split(), "--help"], terminal_width=80).output
+    assert max(len(line) for line in text.splitlines()) <= 80
+    assert "..." not in text.replace("COMMAND [ARGS]...", "")
+    chosen = main.commands[command] if command else main
+    assert chosen.help
+    assert all(p.help for p in chosen.params if p.param_type_name == "option")

@@ -50,6 +50,8 @@ from .measurement.geometry import RadialTransmittance as RadialTransmittance
 from .measurement.geometry import SpatialFrequency as SpatialFrequency
 from .measurement.geometry import TotalReflectance as TotalReflectance
 from .measurement.geometry import TotalTransmittance as TotalTransmittance
+from .measurement.mco_file import McoFile as McoFile
+from .measurement.mco_file import read_mco as read_mco
 from .measurement.planned import Planned as Planned
 from .measurement.rxt_file import RxtFile as RxtFile
 from .measurement.rxt_file import read_rxt as read_rxt
