@@ -43,6 +43,8 @@ from .inference.slab_rows import slab as slab
 from .measurement.csv_file import read as read
 from .measurement.dataset import Dataset as Dataset
 from .measurement.dataset import Noise as Noise
+from .measurement.from_tables import from_pandas as from_pandas
+from .measurement.from_tables import from_xarray as from_xarray
 from .measurement.geometry import AngularReflectance as AngularReflectance
 from .measurement.geometry import AngularTransmittance as AngularTransmittance
 from .measurement.geometry import RadialReflectance as RadialReflectance

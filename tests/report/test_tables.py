@@ -82,3 +82,13 @@ def test_derived_quantities(small_fit):
     assert row["layer"] == "skin"
     for key, value, error in zip(("mu_eff", "penetration", "mfp", "albedo"), quantities(a), sd, strict=True):
         assert row[key] == with_uncertainty(value, error), key
+
+
+def test_a_fit_as_tables(small_fit):
+    table = small_fit.to_pandas()
+    assert list(table.index) == list(small_fit.parameters) and table["unit"]["skin.sigma_a"] == "1/mm"
+    assert bool(table["at_bound"]["skin.sigma_s_prime"]) and np.isnan(table["stderr"]["skin.sigma_s_prime"])
+    held = small_fit.to_xarray()
+    assert float(held["skin.sigma_a"]) == small_fit.parameters["skin.sigma_a"].value
+    assert np.array_equal(held["probe.fitted"], small_fit.predictions[0]) and np.array_equal(held["probe.r"], small_fit.problem.data[0].geometry.r)
+    assert held.covariance.shape == (3, 3) and held.attrs["outcome"] == "converged"

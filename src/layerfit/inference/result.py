@@ -13,6 +13,8 @@ from .problem import Problem
 from .uncertainty import Uncertainty, correlation
 
 if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
     from matplotlib.figure import Figure
 
     from .profile_likelihood import ProfileLikelihood
@@ -115,6 +117,32 @@ class Fit(eqx.Module):
         u = self.uncertainty
         rows = zip(self.problem.parameters, self.x, u.stderr, u.at_bound, self.parts, strict=True)
         return {p.name: Estimate(float(x), stderr, p.unit, bound, parts) for p, x, stderr, bound, parts in rows}
+
+    def to_pandas(self) -> "pd.DataFrame":
+        """Fitted numbers as a table: value, stderr (NaN at a bound or where the data say nothing), unit and at_bound, by name."""
+        import pandas as pd
+
+        rows = [[e.value, math.nan if e.stderr is None else e.stderr, e.unit, e.at_bound] for e in self.parameters.values()]
+        columns = pd.Index(["value", "stderr", "unit", "at_bound"])
+        return pd.DataFrame(rows, index=pd.Index(list(self.parameters), name="number"), columns=columns)
+
+    def to_xarray(self) -> "xr.Dataset":
+        """Fitted numbers by name with units and ``.stderr``, covariance and correlation, and each dataset's values and ``.fitted``."""
+        import xarray as xr
+
+        columns: dict[str, Any] = {}
+        for name, e in self.parameters.items():
+            columns[name] = ((), e.value, {"units": e.unit})
+            columns[f"{name}.stderr"] = ((), math.nan if e.stderr is None else e.stderr, {"units": e.unit})
+        square = ("number", "other")
+        columns |= {"covariance": (square, self.covariance), "correlation": (square, self.correlation)}
+        for d, fitted in zip(self.problem.data, self.predictions, strict=True):
+            dim = f"{d.name}.place"
+            columns |= {d.name: (dim, d.values), f"{d.name}.fitted": (dim, np.asarray(fitted))}
+            columns |= {f"{d.name}.{column}": (dim, places) for column, places in d.geometry.places().items()}
+        names = list(self.parameters)
+        attrs = {"chi2": self.chi2, "degrees_of_freedom": self.dof, "outcome": self.outcome.value}
+        return xr.Dataset(columns, coords={"number": names, "other": names}, attrs=attrs)
 
     def plot(self) -> "Figure":
         """Data, fit and residuals as a matplotlib figure."""

@@ -1,12 +1,16 @@
 """Measured values with their uncertainty."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import numpy as np
 
 from ..errors import InputError
-from .geometry import Geometry
+from .geometry import Geometry, value_unit
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
 
 
 class Noise(eqx.Module):
@@ -94,6 +98,26 @@ class Dataset(eqx.Module):
                 "whose relative noise is estimated",
                 row=i,
             )
+
+    def to_xarray(self) -> "xr.Dataset":
+        """Values and, where known, sd over the places, with units: one dimension, named as its first place column ("place" for a total)."""
+        import xarray as xr
+
+        places = self.geometry.places()
+        dim = next(iter(places), "place")
+        unit = {"units": value_unit(self.geometry)}
+        columns: dict[str, Any] = {self.name: (dim, self.values, unit)}
+        if self.sd is not None:
+            columns[f"{self.name}.sd"] = (dim, self.sd, unit)
+        units = {"k": "rad/mm", "angle": "deg", "wavelength": "nm"}
+        return xr.Dataset(columns, coords={name: (dim, places[name], {"units": units.get(name, "mm")}) for name in places})
+
+    def to_pandas(self) -> "pd.DataFrame":
+        """The same as a table, one row a value: places, value and, where known, sd."""
+        import pandas as pd
+
+        columns = {**self.geometry.places(), "value": self.values}
+        return pd.DataFrame(columns if self.sd is None else {**columns, "sd": self.sd})
 
     def _take_counts(self, exposure: Any) -> None:
         counts = self.values

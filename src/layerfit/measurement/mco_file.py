@@ -13,7 +13,7 @@ from .dataset import Dataset, Noise
 from .geometry import RadialReflectance, RadialTransmittance
 
 _CM = 10.0  # mm
-_TOTALS = ("R_specular", "R_diffuse", "absorbed", "T")
+_TOTALS: tuple[str, ...] = ("R_specular", "R_diffuse", "absorbed", "T")
 _PROFILES = {"R": ("Rd_r",), "T": ("Tt_r", "Td_r")}
 
 
@@ -66,7 +66,7 @@ def read_mco(path: str | Path) -> McoFile:
         raise InputError(f"{path}: is no output of MCML; allowed are files that begin with A1 or mcmloA2.0")
     try:
         layers, above, below, photons, dr, rings = (_first if rows[0][0] == "A1" else _second)(rows)
-        totals = _shares(rows)
+        totals = dict(zip(_TOTALS, _shares(rows), strict=True))
         profiles = {side: next((_numbers(rows, name, rings) for name in names if [name] in rows), None) for side, names in _PROFILES.items()}
     except (ValueError, IndexError, KeyError, StopIteration) as error:
         raise InputError(f"{path}: ends early or holds something unknown ({error or 'a part is missing'})") from None
@@ -76,7 +76,7 @@ def read_mco(path: str | Path) -> McoFile:
         n_below=below,
     )
     scaled = {side: None if values is None else np.array(values) / _CM**2 for side, values in profiles.items()}
-    return McoFile(str(path), stack, photons, dict(zip(_TOTALS, totals, strict=True)), _CM * dr * np.arange(rings + 1), scaled["R"], scaled["T"])
+    return McoFile(str(path), stack, photons, totals, _CM * dr * np.arange(rings + 1), scaled["R"], scaled["T"])
 
 
 def _numbers(rows: list[list[str]], name: str, count: int) -> list[float]:
