@@ -168,8 +168,8 @@ def page(row, fits, x):
         "",
         "![fits and repeats](nist-skin.png)",
         "",
-        "Repeats of a person were taken at other spots of the forearm, so that part of their differences is real. Saturation differs between them by more "
-        "than its standard error says: multiply that by the last column.",
+        "Repeats of a person were taken at other spots of the forearm, so that part of their differences is real. Saturation differs between them "
+        "by more than its standard error says: multiply that by the last column.",
         "",
         "| number | median over people | 5 to 95 % | at a bound | differences of repeats within two stated sd | sd of the z-scores |",
         "|---|---|---|---|---|---|",
