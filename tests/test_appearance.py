@@ -1,5 +1,8 @@
 """Colour, judged by published tristimulus values and colour differences."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -57,6 +60,12 @@ def test_grey_and_shape():
     assert one.Lab[1] > 2 and one.Lab[2] > 10  # more red than blue: yellow to red
     coarse = lf.colour(WAVELENGTH[::4], slope[::4])
     assert float(one.delta_e(coarse)) <= 0.02
+
+
+def test_numpy_prints_as_before():
+    """colour-science changes that when it is imported."""
+    code = "import numpy as np, layerfit as lf; lf.delta_e([50, 0, 0], [50, 1, 0]); print(np.array([0.5]))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[0.5]\n"
 
 
 def test_out_of_gamut_is_said():

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -60,6 +61,14 @@ class Colour:
         return swatches_html(self)
 
 
+@cache
+def _science() -> Any:
+    """colour-science, which takes a second to import and on the way changes how numpy prints: that is undone."""
+    with np.printoptions():
+        import colour
+    return colour
+
+
 def _code(rgb: np.ndarray) -> str:
     return "#" + "".join(f"{round(255 * float(v)):02x}" for v in rgb)
 
@@ -99,7 +108,7 @@ def colour_of_rgb(rgb: Any) -> Colour:
     >>> lf.colour_of_rgb([0.4, 0.3, 0.25]).hex
     '#aa9589'
     """
-    import colour as science
+    science = _science()
 
     try:
         linear = np.asarray(rgb, dtype=float)
@@ -113,7 +122,7 @@ def colour_of_rgb(rgb: Any) -> Colour:
 
 def delta_e(lab: Any, other: Any) -> np.ndarray:
     """CIEDE2000 difference of CIE Lab colours, shapes (..., 3)."""
-    import colour as science
+    science = _science()
 
     return np.asarray(science.delta_E(np.asarray(lab, dtype=float), np.asarray(other, dtype=float), method="CIE 2000"))
 
@@ -132,7 +141,7 @@ def swatches(colours: Mapping[str, Colour]) -> "Figure":
 
 def _seen(xyz: np.ndarray, white: np.ndarray, illuminant: str, observer: int) -> Colour:
     """From tristimulus values, and those of a perfect white."""
-    import colour as science
+    science = _science()
 
     lab = science.XYZ_to_Lab(xyz, science.XYZ_to_xy(white))
     space = science.RGB_COLOURSPACES["sRGB"]
@@ -144,7 +153,7 @@ def _seen(xyz: np.ndarray, white: np.ndarray, illuminant: str, observer: int) ->
 
 def _tables(illuminant: str, observer: int) -> tuple[np.ndarray, np.ndarray]:
     """Colour matching functions (wavelengths, 3) and the illuminant's power, on the grid."""
-    import colour as science
+    science = _science()
 
     if observer not in OBSERVERS:
         raise InputError(f"observer = {observer!r}; allowed: 2, 10 (degrees)")
