@@ -1,6 +1,7 @@
 """A scene file and a cube of data: what the command map does."""
 
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +31,8 @@ def read_cubes(path: Path) -> "xr.Dataset":
 
     if not path.exists():
         raise InputError(f"{path}: there is no such file or folder")
+    if any(find_spec(name) is None for name in ("dask", "zarr")):
+        raise InputError("maps from files need the packages dask and zarr: pip install 'layerfit[maps]'")
     try:
         return xr.open_zarr(path) if path.is_dir() else xr.open_dataset(path, engine="h5netcdf", chunks={})
     except Exception as error:
