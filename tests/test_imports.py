@@ -118,7 +118,7 @@ HOMES = {
     "markupsafe": ours("report"),
     "numba": ours("montecarlo"),
     "pint": ours("measurement.units"),
-    "pydantic": ours("scene_file"),
+    "pydantic": ours("scene_tables"),
     "tomllib": ours("scene_file"),
     "click": ours("cli"),
     "optimistix": ours("inference"),

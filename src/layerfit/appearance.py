@@ -109,7 +109,6 @@ def colour_of_rgb(rgb: Any) -> Colour:
     '#aa9589'
     """
     science = _science()
-
     try:
         linear = np.asarray(rgb, dtype=float)
     except (TypeError, ValueError):
@@ -121,9 +120,13 @@ def colour_of_rgb(rgb: Any) -> Colour:
 
 
 def delta_e(lab: Any, other: Any) -> np.ndarray:
-    """CIEDE2000 difference of CIE Lab colours, shapes (..., 3)."""
-    science = _science()
+    """CIEDE2000 difference of CIE Lab colours (CIE 142-2001; Sharma, Wu and Dalal 2005): shapes (..., 3), result (...).
 
+    >>> import layerfit as lf
+    >>> lf.delta_e([50.0, 2.6772, -79.7751], [50.0, 0.0, -82.7485]).round(4).item()
+    2.0425
+    """
+    science = _science()
     return np.asarray(science.delta_E(np.asarray(lab, dtype=float), np.asarray(other, dtype=float), method="CIE 2000"))
 
 
@@ -142,7 +145,6 @@ def swatches(colours: Mapping[str, Colour]) -> "Figure":
 def _seen(xyz: np.ndarray, white: np.ndarray, illuminant: str, observer: int) -> Colour:
     """From tristimulus values, and those of a perfect white."""
     science = _science()
-
     lab = science.XYZ_to_Lab(xyz, science.XYZ_to_xy(white))
     space = science.RGB_COLOURSPACES["sRGB"]
     adapted = science.chromatic_adaptation(xyz, white, np.sum(space.matrix_RGB_to_XYZ, axis=1), method="Von Kries", transform="Bradford")
@@ -154,7 +156,6 @@ def _seen(xyz: np.ndarray, white: np.ndarray, illuminant: str, observer: int) ->
 def _tables(illuminant: str, observer: int) -> tuple[np.ndarray, np.ndarray]:
     """Colour matching functions (wavelengths, 3) and the illuminant's power, on the grid."""
     science = _science()
-
     if observer not in OBSERVERS:
         raise InputError(f"observer = {observer!r}; allowed: 2, 10 (degrees)")
     if illuminant not in science.SDS_ILLUMINANTS:

@@ -1,6 +1,5 @@
 """The scene file: a TOML description of the sample, the measurements and the fit."""
 
-import difflib
 import re
 import tomllib
 from collections.abc import Mapping
@@ -8,9 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
-
-from .errors import InputError
+from .errors import InputError, closest
 from .measurement.csv_file import Table, dataset_from_table, geometry_from_table, read_table, read_text
 from .measurement.dataset import Dataset, Noise, check_measurement_name
 from .measurement.geometry import GEOMETRIES, Angular, Geometry, Incident, Radial, SpatialFrequency, Total, TotalReflectance
@@ -18,83 +15,12 @@ from .measurement.planned import Planned
 from .measurement.source import SOURCES, Detector, Source
 from .scene.layer import HalfSpace, Layer
 from .scene.stack import Stack
+from .scene_tables import MeasurementTable, SceneTable, SourceTable, checked
 from .solver import Solver, solver_by_name
 
 if TYPE_CHECKING:
     from .inference.identify import Identification
     from .inference.problem import Problem
-
-
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
-
-
-class _Surroundings(_Table):
-    n_above: float = Field(1.0, gt=0)
-    n_below: float = Field(1.0, gt=0)
-    roughness_below: float = Field(0.0, ge=0)
-
-
-class _Layer(_Table):
-    name: str | None = Field(None, min_length=1)
-    sigma_a: float = Field(ge=0)
-    sigma_s: float | None = Field(None, ge=0)
-    sigma_s_prime: float | None = Field(None, ge=0)
-    g: float | None = Field(None, ge=-1, lt=1)
-    n: float = Field(gt=0)
-    thickness: float | None = Field(None, gt=0)
-    roughness: float = Field(0.0, ge=0)
-
-
-class _Source(_Table):
-    kind: str
-    radius: float | None = Field(None, gt=0)
-
-
-class _Detector(_Table):
-    radius: float = Field(0.0, ge=0)
-    na: float = Field(1.0, gt=0)
-
-
-class _Noise(_Table):
-    relative: float = Field(0.0, ge=0)
-    absolute: float = Field(0.0, ge=0)
-
-
-class _Measurement(_Table):
-    name: str | None = Field(None, min_length=1)
-    kind: str
-    file: str | None = None
-    x: list[float] | None = None
-    x_min: list[float] | None = None
-    x_max: list[float] | None = None
-    value: float | None = None
-    sd: float | None = Field(None, gt=0)
-    specular: Literal["included", "excluded"] | None = None
-    incidence: str | float | None = None
-    azimuth: float | None = None
-    source: _Source | None = None
-    detector: _Detector | None = None
-    noise: _Noise | None = None
-    exposure: float | None = Field(None, gt=0)
-    likelihood: str | dict[str, Any] | None = None
-
-
-class _Fit(_Table):
-    solver: str = "auto"
-    free: dict[str, Any] = Field(default_factory=dict)
-    ties: dict[str, Any] = Field(default_factory=dict)
-    likelihood: str | dict[str, Any] | None = None
-    model_error: Literal["off", "on", "free"] = "off"
-    starts: int = Field(8, ge=1)
-    seed: int = Field(0, ge=0)
-
-
-class _Scene(_Table):
-    scene: _Surroundings = _Surroundings()  # pyright: ignore[reportCallIssue]
-    layer: list[_Layer] = Field(min_length=1)
-    measurement: list[_Measurement] = Field(default_factory=list)
-    fit: _Fit = _Fit()  # pyright: ignore[reportCallIssue]
 
 
 @dataclass(frozen=True)
@@ -205,10 +131,7 @@ def read_scene(path: str | Path) -> SceneFile:
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not TOML: {error}{_quoted(str(error), text)}") from None
     try:
-        scene = _Scene.model_validate(content)
-    except ValidationError as error:
-        raise InputError(f"{path}: {_message(error, content)}") from None
-    try:
+        scene = checked(content)
         stack = _stack(scene)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
@@ -223,7 +146,7 @@ def read_scene(path: str | Path) -> SceneFile:
     return SceneFile(path, stack, measurements, fit.solver, fit.free, fit.ties, fit.starts, fit.seed, fit.likelihood, fit.model_error)
 
 
-def _stack(scene: _Scene) -> Stack:
+def _stack(scene: SceneTable) -> Stack:
     layers: list[Layer | HalfSpace] = []
     for i, table in enumerate(scene.layer, 1):
         values = table.model_dump(exclude={"name", "thickness"})
@@ -239,7 +162,7 @@ def _stack(scene: _Scene) -> Stack:
     return Stack(layers, **scene.scene.model_dump())
 
 
-def _measurement(path: Path, number: int, table: _Measurement) -> Measurement:
+def _measurement(path: Path, number: int, table: MeasurementTable) -> Measurement:
     name = table.name or ("measurement" if number == 1 else f"measurement{number}")
     where = f"{path}: [[measurement]] {number} ('{name}')"
     try:
@@ -249,9 +172,9 @@ def _measurement(path: Path, number: int, table: _Measurement) -> Measurement:
         raise InputError(f"{where}: {error}") from None
 
 
-def _measurement_at(path: Path, name: str, table: _Measurement) -> Measurement:
+def _measurement_at(path: Path, name: str, table: MeasurementTable) -> Measurement:
     if table.kind not in GEOMETRIES:
-        raise InputError(f"kind = '{table.kind}'; allowed: {', '.join(GEOMETRIES)}{_closest(table.kind, GEOMETRIES)}")
+        raise InputError(f"kind = '{table.kind}'; allowed: {', '.join(GEOMETRIES)}{closest(table.kind, GEOMETRIES)}")
     cls = GEOMETRIES[table.kind]
     _check_keys(table, cls)
     noise = Noise(table.noise.relative, table.noise.absolute) if table.noise else None
@@ -277,7 +200,7 @@ def _measurement_at(path: Path, name: str, table: _Measurement) -> Measurement:
     return Measurement(name, geometry, dataset, None, noise=noise)
 
 
-def _check_keys(table: _Measurement, cls: type[Geometry]) -> None:
+def _check_keys(table: MeasurementTable, cls: type[Geometry]) -> None:
     """Keys that this kind of measurement does not know."""
     given = {key for key, value in table.model_dump().items() if value is not None}
     known = {"name", "kind", "file", "noise", "exposure", "likelihood"}
@@ -302,7 +225,7 @@ def _check_keys(table: _Measurement, cls: type[Geometry]) -> None:
         raise InputError("sd without a value")
 
 
-def _inline(table: _Measurement, cls: type[Geometry], source: Source | None, detector: Detector | None, options: dict[str, Any]) -> Geometry:
+def _inline(table: MeasurementTable, cls: type[Geometry], source: Source | None, detector: Detector | None, options: dict[str, Any]) -> Geometry:
     if issubclass(cls, Radial):
         if table.x is not None:
             return cls(table.x, source=source, detector=detector)
@@ -312,9 +235,9 @@ def _inline(table: _Measurement, cls: type[Geometry], source: Source | None, det
     return cls(table.x, **options) if issubclass(cls, Angular) else cls(**options)
 
 
-def _source(table: _Source) -> Source:
+def _source(table: SourceTable) -> Source:
     if table.kind not in SOURCES:
-        raise InputError(f"source kind = '{table.kind}'; allowed: {', '.join(SOURCES)}{_closest(table.kind, SOURCES)}")
+        raise InputError(f"source kind = '{table.kind}'; allowed: {', '.join(SOURCES)}{closest(table.kind, SOURCES)}")
     needs_radius = table.kind in ("disk", "gaussian")
     if needs_radius != (table.radius is not None):
         raise InputError(f"source kind '{table.kind}' {'needs a radius [mm]' if needs_radius else 'has no radius'}")
@@ -331,55 +254,6 @@ def _quoted(message: str, text: str) -> str:
     return f": {line}" + ("; numbers are written with a point (1.5), not a comma" if re.search(r"=\s*\d+,\d+\s*(#.*)?$", line) else "")
 
 
-def _closest(word: str, known: Any) -> str:
-    match = difflib.get_close_matches(word, list(known), 1)
-    return f"; did you mean {match[0]}?" if match else ""
-
-
-_ALLOWED = {
-    "greater_than": "above {gt:g}",
-    "greater_than_equal": "at least {ge:g}",
-    "less_than": "below {lt:g}",
-    "float_type": "a number",
-    "int_type": "a whole number",
-    "finite_number": "a finite number",
-    "string_type": "a text",
-    "string_too_short": "a text that is not empty",
-    "list_type": "a list",
-    "dict_type": "a table",
-    "model_type": "a table",
-    "literal_error": "{expected}",
-}
-
-
-def _message(error: ValidationError, content: dict[str, Any]) -> str:
-    """The thing wrong that matters first, in one line."""
-    found = error.errors(include_url=False)
-    first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])  # a misspelt key is why another one is missing
-    path = list(first["loc"])
-    if first["type"] == "missing":
-        return f"{_where(path[:-1], content)}: {path[-1]} is missing" if len(path) > 1 else f"there is no [[{path[-1]}]]; allowed is one or more"
-    if first["type"] == "extra_forbidden":
-        model: Any = _Scene
-        for step in path[:-1]:
-            model = model if isinstance(step, int) else _submodel(model, step)
-        known = list(model.model_fields)
-        return f"{_where(path[:-1], content)}: unknown key '{path[-1]}'; allowed: {', '.join(known)}{_closest(str(path[-1]), known)}"
-    if first["type"] == "too_short":
-        return f"[[{path[0]}]] is empty; allowed is one or more"
-    keys = [p for p in path if p not in ("str", "float")]  # branches of a union are no keys
-    allowed = _ALLOWED.get(first["type"], first["msg"]).format(**first.get("ctx", {}))
-    if keys[-1] == "thickness":
-        allowed += " (a half space, the last layer, has none)"
-    key = keys[-1]
-    if isinstance(key, int):  # an element of a list
-        keys.pop()
-        key = f"number {key + 1} of {keys[-1]}"
-    if keys == ["layer"] or keys == ["measurement"]:
-        return f"top level: '{keys[0]}' is not written as [[{keys[0]}]]; allowed is one such table for each {keys[0]}"
-    return f"{_where(keys[:-1], content)}: {key} = {first['input']!r}; allowed is {allowed}"
-
-
 def _dotted(tables: Mapping[str, Any]) -> dict[str, Any]:
     """Names with a dot. TOML reads skin.sigma_a without quotes as a table within a table, which means the same."""
     flat: dict[str, Any] = {}
@@ -387,21 +261,3 @@ def _dotted(tables: Mapping[str, Any]) -> dict[str, Any]:
         inner = isinstance(spec, Mapping) and "." not in name
         flat |= {f"{name}.{field}": value for field, value in spec.items()} if inner else {name: spec}
     return flat
-
-
-def _submodel(model: Any, field: str) -> Any:
-    annotation = model.model_fields[field].annotation
-    while not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
-        annotation = next(a for a in annotation.__args__ if a is not type(None))
-    return annotation
-
-
-def _where(path: list[Any], content: dict[str, Any]) -> str:
-    """[[layer]] 2 ('dermis'), [scene], [fit] ..."""
-    if not path:
-        return "top level"
-    if len(path) > 1 and isinstance(path[1], int):
-        name = content[path[0]][path[1]].get("name") if isinstance(content[path[0]][path[1]], dict) else None
-        rest = "".join(f", {p}" for p in path[2:])
-        return f"[[{path[0]}]] {path[1] + 1}{f' ({name!r})' if name else ''}{rest}"
-    return f"[{'.'.join(map(str, path))}]"

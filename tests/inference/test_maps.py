@@ -5,6 +5,7 @@ import pytest
 import xarray as xr
 
 import layerfit as lf
+from layerfit.inference import map_tile
 from layerfit.inference.batch import predictions_at
 from layerfit.inference.map_store import tile_size, tiles
 
@@ -143,10 +144,35 @@ def test_store_goes_on(stated, image, maps, tmp_path):
 
 def test_workers(stated, image, maps, tmp_path):
     """The same call under a client; into a store as well."""
-    distributed = pytest.importorskip("distributed")
-    with distributed.Client(n_workers=1, threads_per_worker=1, dashboard_address=None):
+    dask, distributed = pytest.importorskip("dask"), pytest.importorskip("distributed")
+    patient = {"distributed.comm.timeouts.connect": "120s", "distributed.comm.timeouts.tcp": "120s"}  # a busy machine starts a worker slowly
+    with dask.config.set(patient), distributed.Client(n_workers=1, threads_per_worker=1, dashboard_address=None):
         same(lf.fit_map(stated, image, limits=(0.0, 0.98), block=14), maps)
         same(lf.fit_map(stated, image.chunk({"y": 3}), limits=(0.0, 0.98), store=tmp_path / "maps.zarr").compute(), maps)
+
+
+def test_an_interrupt_ends_the_tiles_that_run(stated, image, monkeypatch):
+    begun = []
+
+    def counted(*arguments):
+        begun.append(1)
+        return fit_rows(*arguments)
+
+    def interrupted(done, to_do):
+        if done:
+            raise KeyboardInterrupt
+
+    fit_rows = map_tile.fit_rows
+    monkeypatch.setattr(map_tile, "fit_rows", counted)
+    with pytest.raises(KeyboardInterrupt):
+        lf.fit_map(stated, image, limits=(0.0, 0.98), block=1, on_tiles=interrupted)
+    assert len(begun) <= 8 < image.shape[0] * image.shape[1]
+
+
+def test_noise_of_no_measurement(stated, image):
+    name = stated.data[0].name
+    with pytest.raises(lf.InputError, match=f"noise of 'camra', which is no measurement; allowed: {name}"):
+        lf.fit_map(stated, image, noise={"camra": lf.Noise(relative=0.01)})
 
 
 def test_tiles():

@@ -62,11 +62,20 @@ class Batch:
                 f"{what} takes least squares alone; allowed are likelihoods gaussian and correlated, a model error that is off or on, and priors "
                 "whose numbers are given. Sample the posterior instead"
             )
-        self.problem, self.threads = problem, threads
+        self.problem, self.what, self.threads = problem, what, threads
         self.sizes = [d.geometry.size for d in problem.data]
         self.count = sum(self.sizes)
         self.model = quick_model(problem, least)
-        self.quick = is_spectral(problem.model) or hasattr(problem.model, "coefficients")
+        self.quick = is_spectral(problem.model) or problem.model.cheap
+
+    def require_independent(self) -> None:
+        """Raises InputError where errors of a measurement are correlated: other values or sd would need another correlation."""
+        scatter = zip(self.problem.data, self.problem.model.scatter, strict=True)
+        correlated = next((d.name for d, one in scatter if not one.independent), None)
+        if correlated is not None:
+            raise InputError(
+                f"{self.what}: the errors of measurement '{correlated}' are correlated; allowed are likelihood gaussian and a model error that is off"
+            )
 
     def split(self, values: np.ndarray) -> tuple[np.ndarray, ...]:
         """Values of all datasets, the last axis, one array a dataset."""

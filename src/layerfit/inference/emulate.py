@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from itertools import product
 from math import prod
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -32,6 +33,7 @@ class Emulated(Model):
     coefficients : for each dataset, one axis a number and values last. error : largest relative error seen.
     """
 
+    cheap: ClassVar[bool] = True
     coefficients: tuple[Float[AnyArray, "*degrees n"], ...]
     logarithmic: tuple[Bool[AnyArray, "n"], ...]
     error: float = eqx.field(static=True)

@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -155,19 +155,23 @@ def _run_all(problem: Problem, points: np.ndarray, on_start: Callable[[int, int]
     return sorted(runs, key=lambda run: run.start.chi2)
 
 
-def least_variance(problem: Problem, square: float) -> float:
-    """Variance of a residual: 1 where sd are given (or the noise is part of the density), else from the least sum of squares."""
+def least_variance(problem: Problem, square: Any) -> Any:
+    """Variance of a residual: 1 where sd are given (or the noise is part of the density), else from the least sum of squares; one or many."""
     if not (problem.estimates_noise and problem.least_squares):
-        return 1.0
+        return np.ones(np.shape(square))[()]
     dof = max(sum(d.geometry.size for d in problem.data) - len(problem.parameters), 1)
-    return max(square / dof, _LEAST_NOISE**2)
+    return np.maximum(square / dof, _LEAST_NOISE**2)
+
+
+def _variance(problem: Problem, run: _Run) -> float:
+    return float(least_variance(problem, run.start.chi2))
 
 
 def _same_minimum(problem: Problem, best: _Run, other: _Run) -> bool:
     """Whether two runs ended in one minimum: nearly the same chi-square, and nearly the same residuals by the slopes at the best."""
     if not math.isfinite(other.start.chi2):
         return False
-    variance = least_variance(problem, best.start.chi2)
+    variance = _variance(problem, best)
     moved = best.end.jacobian @ (other.end.u - best.end.u)
     return (other.start.chi2 - best.start.chi2) / variance <= SAME and float(np.sum(moved**2)) / variance <= MOVED
 
@@ -209,7 +213,7 @@ def linearised(problem: Problem, places: np.ndarray) -> tuple[np.ndarray, np.nda
 def _assemble(problem: Problem, runs: Sequence[_Run], seconds: float) -> Fit:
     best = runs[0]
     x = best.start.last
-    variance = least_variance(problem, best.start.chi2)
+    variance = _variance(problem, best)
     jacobian = _physical(np.asarray(best.end.jacobian), np.asarray(best.end.slope))
     known = uncertainty(problem.parameters, x, lambda points: jacobians_at(problem, points), jacobian, np.asarray(best.end.residual), variance)
     residuals, slopes = np.asarray(best.end.residual), jacobian
@@ -267,7 +271,7 @@ def _remarks(
     problem: Problem, runs: Sequence[_Run], minima: Sequence[Minimum], known: Uncertainty, stack: Stack, chi2: float, dof: int, noise: float | None
 ) -> list[str]:
     """All that is to be said beside the numbers."""
-    best, variance = runs[0], least_variance(problem, runs[0].start.chi2)
+    best, variance = runs[0], _variance(problem, runs[0])
     said = [] if best.start.outcome is Outcome.CONVERGED else [f"the fit did not converge: {best.start.outcome.value}"]
     others = [run.start.chi2 / variance for run in runs if not _same_minimum(problem, best, run)]
     said += on_starts(best.start.chi2 / variance, others, len(runs))

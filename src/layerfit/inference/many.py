@@ -136,19 +136,25 @@ def fit_many(
         raise InputError(f"starts = {starts!r}; allowed is a whole number, at least 1")
     values, sd = _table(problem, values, sd)
     batch = Batch(problem, "fit_many", np.min(np.abs(values), axis=0))
-    correlated = next((d.name for d, one in zip(problem.data, problem.model.scatter, strict=True) if not one.independent), None)
-    if correlated is not None:
-        raise InputError(
-            f"fit_many: the errors of measurement '{correlated}' are correlated; allowed are likelihood gaussian and a model error that is off"
-        )
+    batch.require_independent()
     ends = _ends(batch, values, sd, starts, seed, on_sets)
     return _assemble(batch, values, sd, *ends, began)
 
 
-def fit_rows(batch: Batch, values: Float[np.ndarray, "m n"], sd: Float[np.ndarray, "m n"], starts: int, seed: int) -> ManyFits:
-    """Sets as `fit_many` fits them, from arrays that were checked, each then followed to where its steps are nothing."""
+def fit_rows(
+    batch: Batch,
+    values: Float[np.ndarray, "m n"],
+    sd: Float[np.ndarray, "m n"],
+    starts: int,
+    seed: int,
+    on_sets: Callable[[int, int], None] | None = None,
+) -> ManyFits:
+    """Sets as `fit_many` fits them, from arrays that were checked, each then followed to where its steps are nothing.
+
+    on_sets : as for `fit_many`; what it raises ends the fits.
+    """
     began = time.perf_counter()
-    best, met, runs = _ends(batch, values, sd, starts, seed, None, _ORDER_OF_MAPS, starts)
+    best, met, runs = _ends(batch, values, sd, starts, seed, on_sets, _ORDER_OF_MAPS, starts)
     fine = batch.fit(np.asarray(best.u), values, sd, logarithms=False, fine=True)
     worse = ~(_chi2(np.asarray(fine.residual)) <= _chi2(np.asarray(best.residual)))
     best = jax.tree.map(lambda new, old: np.where(worse.reshape(-1, *[1] * (np.ndim(new) - 1)), old, new), fine, best)
@@ -250,7 +256,7 @@ def _merged(problem: Problem, met: np.ndarray, best: Descent, chosen: np.ndarray
     """Runs counted that met in the best minimum of each set, and the best ends, after another run of those chosen."""
     parts = {name: np.array(getattr(best, name)) for name in ("u", "x", "first", "slope", "residual", "jacobian", "steps", "converged")}
     before, after = _chi2(parts["residual"][chosen]), _chi2(np.asarray(end.residual))
-    variance = _variance(problem, np.minimum(before, after))
+    variance = least_variance(problem, np.minimum(before, after))
     moved = np.einsum("mnp,mp->mn", parts["jacobian"][chosen], np.asarray(end.u) - parts["u"][chosen])
     gap = after - before
     same = (np.abs(gap) <= SAME * variance) & (np.sum(moved**2, axis=1) <= MOVED * variance)
@@ -267,13 +273,9 @@ def _chi2(residual: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(chi2), chi2, np.inf)
 
 
-def _variance(problem: Problem, chi2: np.ndarray) -> np.ndarray:
-    return np.array([least_variance(problem, value) for value in chi2.tolist()])
-
-
 def _assemble(batch: Batch, values: np.ndarray, sd: np.ndarray, end: Descent, met: np.ndarray, runs: np.ndarray, began: float) -> ManyFits:
     problem = batch.problem
-    variance = _variance(problem, _chi2(np.asarray(end.residual)))
+    variance = least_variance(problem, _chi2(np.asarray(end.residual)))
     chi2 = _chi2(np.asarray(end.residual)[:, : batch.count])
     jacobian = physical(np.asarray(end.jacobian), np.asarray(end.slope))
 

@@ -7,15 +7,13 @@ import numpy as np
 from ..errors import InputError
 from ..measurement.geometry import Angular, Geometry, Radial, SpatialFrequency, value_unit
 from ..measurement.spectrum import Spectrum
-from ..measurement.units import factor_to_internal
+from ..measurement.units import NM, VALUE_QUANTITY, factor_to_internal
 from .problem import Problem
 
 if TYPE_CHECKING:
     import xarray as xr
 
-_NM = 1e6  # in a millimetre
 _SAME = 1e-6
-_VALUES = {"1/mm^2": "per area", "1/mm": "per length", "1": "number", "1/sr": "per solid angle"}
 
 
 class _Axis(NamedTuple):
@@ -45,7 +43,7 @@ class Cube(NamedTuple):
 def axes(geometry: Geometry) -> tuple[_Axis, ...]:
     """The dimensions of a measurement, outermost first."""
     if isinstance(geometry, Spectrum):
-        return (_Axis({"wavelength": (geometry.wavelength, "length", _NM)}, geometry.wavelength.size), *axes(geometry.geometry))
+        return (_Axis({"wavelength": (geometry.wavelength, "length", NM)}, geometry.wavelength.size), *axes(geometry.geometry))
     if isinstance(geometry, SpatialFrequency):
         k = geometry.k
         return (_Axis({"k": (k, "angular frequency", 1.0), "fx": (k / (2.0 * np.pi), "cycles", 1.0)}, k.size),)
@@ -143,7 +141,7 @@ def _check_places(name: str, geometry: Geometry, data: "xr.DataArray", dims: tup
 def _factor(name: str, geometry: Geometry, data: "xr.DataArray") -> float:
     if "units" not in data.attrs:
         return 1.0
-    return factor_to_internal(str(data.attrs["units"]), _VALUES[value_unit(geometry)], f"data '{name}'")
+    return factor_to_internal(str(data.attrs["units"]), VALUE_QUANTITY[value_unit(geometry)], f"data '{name}'")
 
 
 def _flat(one: "xr.DataArray", dims: tuple[str, ...], sizes: dict[str, int], profile: tuple[str, ...], like: "xr.DataArray | None" = None) -> Any:

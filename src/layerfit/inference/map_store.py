@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import InputError
-from .map_tile import Variable
+from .map_tile import Variable, parts
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -41,10 +41,8 @@ def unpacked(
     """A Dataset from an array of pixels and all their numbers."""
     import xarray as xr
 
-    found, at = {}, 0
-    for v in variables:
-        part = packed[..., at : at + v.width]
-        at += v.width
+    found = {}
+    for v, part in parts(packed, variables):
         if v.width == 1:
             found[v.name] = (dims, part[..., 0].astype(v.dtype), v.attrs)
         else:
@@ -125,11 +123,8 @@ class Store:
 
     def write(self, tile: Tile, packed: Float[np.ndarray, "*tile q"]) -> None:
         """All variables of a tile, then its flag. Raises InputError where the disk refuses."""
-        at = 0
         try:
-            for v in self.variables:
-                part = packed[..., at : at + v.width]
-                at += v.width
+            for v, part in parts(packed, self.variables):
                 shaped = part[..., 0].astype(v.dtype) if v.width == 1 else part.reshape((*part.shape[:-1], self._names, self._names))
                 self.group[v.name][tile] = shaped
             self.group[_WRITTEN][self._place(tile)] = 1

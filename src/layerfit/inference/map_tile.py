@@ -3,12 +3,12 @@
 import hashlib
 import os
 import pickle
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..errors import InputError
 from .batch import Batch
 from .many import ManyFits, fit_rows
 from .problem import Problem
@@ -63,11 +63,19 @@ def variables(problem: Problem, *, correlations: bool) -> tuple[Variable, ...]:
     return tuple(found)
 
 
+def parts(packed: Any, variables: Sequence[Variable]) -> Iterator[tuple[Variable, Any]]:
+    """Each variable of a tile with its numbers, the last axis of both."""
+    at = 0
+    for v in variables:
+        yield v, packed[..., at : at + v.width]
+        at += v.width
+
+
 class Fitter:
     """Fits tiles of one problem. It can be sent to other processes, where it is made once and remembered.
 
     relative, absolute : of the sd of each value where none are given (n,). limits : values at or below the first, or at or above the second, are no
-    measurements (None: no limit).
+    measurements (None: no limit). threads : of one tile.
     """
 
     def __init__(
@@ -80,18 +88,14 @@ class Fitter:
         starts: int,
         seed: int,
         correlations: bool,
-        threads: int = 2,
+        threads: int = 1,
     ):
         self.problem, self.relative, self.absolute, self.limits = problem, relative, absolute, limits
         self.starts, self.seed, self.correlations, self.threads = starts, seed, correlations, threads
         self.variables = variables(problem, correlations=correlations)
         least = np.concatenate([np.abs(d.values) for d in problem.data])
         self.batch = Batch(problem, "fit_map", least, threads=threads)
-        correlated = next((d.name for d, one in zip(problem.data, problem.model.scatter, strict=True) if not one.independent), None)
-        if correlated is not None:
-            raise InputError(
-                f"fit_map: the errors of measurement '{correlated}' are correlated; allowed are likelihood gaussian and a model error that is off"
-            )
+        self.batch.require_independent()
 
     @property
     def width(self) -> int:
@@ -116,8 +120,9 @@ class Fitter:
         values: Float[np.ndarray, "*tile n"],
         sd: Float[np.ndarray, "*tile n"] | None = None,
         mask: Bool[np.ndarray, "*tile 1"] | None = None,
+        on_sets: Callable[[int, int], None] | None = None,
     ) -> Float[np.ndarray, "*tile q"]:
-        """All variables of a tile, one after the other on the last axis. mask : True where a pixel is to be fitted."""
+        """All variables of a tile, one after the other on the last axis. mask : True where a pixel is to be fitted. on_sets : see `fit_rows`."""
         shape, n = values.shape[:-1], values.shape[-1]
         values = np.asarray(values, dtype=float).reshape(-1, n)
         sd = np.hypot(self.relative * np.abs(values), self.absolute) if sd is None else np.asarray(sd, dtype=float).reshape(-1, n)
@@ -125,16 +130,14 @@ class Fitter:
         rows = np.flatnonzero(outcome == 0)
         found = np.full((len(values), self.width), np.nan)
         if rows.size:
-            fits = fit_rows(self.batch, values[rows], sd[rows], self.starts, self.seed)
+            fits = fit_rows(self.batch, values[rows], sd[rows], self.starts, self.seed, on_sets)
             found[rows] = self._packed(fits)
             outcome[rows] = [_CODES[one] for one in fits.outcome]
-        at = 0
-        for v in self.variables:
+        for v, part in parts(found, self.variables):
             if v.name == "outcome":
-                found[:, at] = outcome
+                part[:, 0] = outcome
             elif v.dtype != "float64":
-                found[:, at] = np.where(np.isnan(found[:, at]), -1, found[:, at])
-            at += v.width
+                part[np.isnan(part)] = -1
         return found.reshape(*shape, self.width)
 
     def _left_out(self, values: np.ndarray, sd: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
@@ -183,5 +186,5 @@ def _revived(token: str, content: bytes) -> Fitter:
         os.environ.setdefault("NPROC", "1")  # read when JAX begins to compute
         while len(_READY) >= _KEPT:
             _READY.pop(next(iter(_READY)))
-        _READY[token] = Fitter(**pickle.loads(content), threads=1)
+        _READY[token] = Fitter(**pickle.loads(content))
     return _READY[token]

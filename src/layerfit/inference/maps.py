@@ -1,13 +1,17 @@
 """A fit for every pixel."""
 
+import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, wait
+from threading import Event
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import InputError
 from ..measurement.dataset import Noise
+from .emulate import Emulated
 from .map_cube import Cube, read_cube
 from .map_store import Store, Tile, tile_size, tiles, unpacked
 from .map_tile import Fitter
@@ -74,16 +78,19 @@ def fit_map(
     _check(starts, block, limits)
     cube = read_cube(problem, data, sd, mask)
     relative, absolute = _spread(problem, noise)
-    fitter = Fitter(problem, relative=relative, absolute=absolute, limits=limits, starts=starts, seed=seed, correlations=correlations)
+    size = _own_tiles(cube) or tile_size(cube.shape, block)
+    threads = 1 if len(tiles(cube.shape, size)) > 1 else _cores()
+    fitter = Fitter(
+        problem, relative=relative, absolute=absolute, limits=limits, starts=starts, seed=seed, correlations=correlations, threads=threads
+    )
     attrs = {
         "degrees_of_freedom": cube.values.shape[-1] - len(problem.parameters),
         "solver": problem.chosen.name,
         "limits": str(limits),
     }
-    error = getattr(problem.model, "error", None)
+    error = problem.model.error if isinstance(problem.model, Emulated) else None
     if error is not None:
         attrs["emulator_error"] = error
-    size = _own_tiles(cube) or tile_size(cube.shape, block)
     if store is None and cube.lazy:
         return unpacked(_lazily(fitter, cube), cube.dims, cube.coords, fitter.variables, problem.names, attrs)
     client = _current() if client is None else client
@@ -112,6 +119,9 @@ def _check(starts: int, block: int, limits: tuple[int | float | None, int | floa
 def _spread(problem: Problem, noise: Noise | Mapping[str, Noise] | None) -> tuple[np.ndarray, np.ndarray]:
     """Relative and absolute part of the sd of each value."""
     relative, absolute = [], []
+    unknown = set(noise) - {d.name for d in problem.data} if isinstance(noise, Mapping) else set()
+    if unknown:
+        raise InputError(f"noise of '{min(unknown)}', which is no measurement; allowed: {', '.join(d.name for d in problem.data)}")
     for d in problem.data:
         one = noise.get(d.name) if isinstance(noise, Mapping) else noise
         if one is not None:
@@ -192,9 +202,31 @@ def _fitted(
 
 
 def _here(fitter: Fitter, cube: Cube, todo: list[Tile]) -> Iterator[tuple[Tile, np.ndarray]]:
-    for tile in todo:
+    """By threads, a tile for each core."""
+    over = Event()
+
+    def go_on(done: int, to_do: int) -> None:
+        if over.is_set():
+            raise CancelledError
+
+    def fit(tile: Tile) -> tuple[Tile, np.ndarray]:
         parts = [None if a is None else np.asarray(a[tile]) for a in (cube.values, cube.sd, cube.mask)]
-        yield tile, fitter(*parts)  # pyright: ignore[reportArgumentType]
+        return tile, fitter(*parts, on_sets=go_on)  # pyright: ignore[reportArgumentType]
+
+    waiting, running = list(reversed(todo)), set[Future[tuple[Tile, np.ndarray]]]()
+    with ThreadPoolExecutor(_cores()) as pool:
+        try:
+            while waiting or running:
+                running |= {pool.submit(fit, waiting.pop()) for _ in range(min(len(waiting), _cores() + 1 - len(running)))}
+                done, running = wait(running, return_when=FIRST_COMPLETED)
+                yield from (future.result() for future in done)
+        finally:  # an error, an interrupt, or nobody who takes more: tiles end with the round that they are in
+            over.set()
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _there(fitter: Fitter, cube: Cube, todo: list[Tile], client: Any) -> Iterator[tuple[Tile, np.ndarray]]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from itertools import islice
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -105,6 +106,7 @@ class Model(eqx.Module):
     samples : the one asked for, then references; their measurements follow one another.
     """
 
+    cheap: ClassVar[bool] = False  # whether many predictions side by side are worth it whatever the solver
     samples: tuple[Sample | SpectralSample, ...]
     coordinates: Coordinates
     scatter: tuple[Scatter, ...]

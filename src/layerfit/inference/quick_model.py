@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..arrays import AnyArray
+from ..measurement.geometry import Geometry, Radial
 from ..transport.fewer_frequencies import fewer_frequencies
 from ..transport.spectral import SpectralForward
 from .density import Density
@@ -40,7 +41,7 @@ def quick_model(problem: Problem, least: Float[np.ndarray, "n"] | None = None) -
     least : the smallest size that each value has (default: the problem's own).
     """
     model = problem.model
-    if not is_spectral(model):
+    if not is_spectral(model) or not any(isinstance(g, Radial) for sample in model.samples for g in _geometries(sample)):
         return model
     least = np.concatenate([np.abs(d.values) for d in problem.data]) if least is None else least
     parts = np.split(least, np.cumsum([d.geometry.size for d in problem.data])[:-1])
@@ -52,6 +53,11 @@ def quick_model(problem: Problem, least: Float[np.ndarray, "n"] | None = None) -
         mine = [floor for size in sample.sizes for floor in [next(floors)] * size.count]
         cheap.append(fewer_frequencies(sample.forward, _columns(sample.scene, x), mine))
     return eqx.tree_at(lambda m: [sample.forward for sample in m.samples], model, cheap)
+
+
+def _geometries(sample: Any) -> tuple[Geometry, ...]:
+    """Of a spectral model's sample. Only distances need more frequencies than values."""
+    return sample.forward.geometries
 
 
 def quick_density(problem: Problem, x: Float[np.ndarray, "p"]) -> Density:

@@ -12,7 +12,7 @@ from ..errors import InputError
 from .dataset import Dataset, Noise
 from .geometry import GEOMETRIES, Angular, Geometry, Radial, RadialReflectance, SpatialFrequency, Total, value_unit
 from .source import Detector, Source
-from .units import factor_to_internal
+from .units import VALUE_QUANTITY, factor_to_internal
 
 _PLACES = {
     "r": "length",
@@ -23,7 +23,6 @@ _PLACES = {
     "angle": "angle",
 }
 _COLUMNS = (*_PLACES, "value", "sd")
-_VALUE_QUANTITY = {"1/mm^2": "per area", "1/mm": "per length", "1": "number", "1/sr": "per solid angle"}
 
 
 @dataclass(frozen=True)
@@ -169,7 +168,7 @@ def dataset_from_table(
 
     if "value" not in table.columns:
         raise InputError(f"{table.path}: there is no column 'value'; allowed is a header like 'r [mm], value [1/mm^2], sd [1/mm^2]'")
-    quantity = _VALUE_QUANTITY["1" if exposure is not None else value_unit(geometry)]
+    quantity = VALUE_QUANTITY["1" if exposure is not None else value_unit(geometry)]
     values = table.converted("value", quantity)
     if table.units.get("sd") == "%" != table.units["value"]:
         raise InputError(f"{table.path}: sd in % of what? allowed is an sd in a unit of the value, or a relative noise instead")

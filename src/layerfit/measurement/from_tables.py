@@ -12,12 +12,10 @@ from .dataset import Dataset, Noise
 from .geometry import GEOMETRIES, Total
 from .source import Detector, Source
 from .spectrum import Spectrum
-from .units import factor_to_internal
+from .units import NM, factor_to_internal
 
 if TYPE_CHECKING:
     import pandas as pd
-
-_NM = 1e6  # in a millimetre
 
 
 def from_pandas(
@@ -118,7 +116,7 @@ def _dataset(
         cls = GEOMETRIES[kind or "total_reflectance"]
         if not issubclass(cls, Total):
             raise InputError(f"{table.path}: wavelengths with kind '{kind}'; allowed with them: total_reflectance, total_transmittance")
-        wavelength = table.columns["wavelength"] * _NM * factor_to_internal(table.units["wavelength"], "length", f"{table.path}, wavelength")
+        wavelength = table.columns["wavelength"] * NM * factor_to_internal(table.units["wavelength"], "length", f"{table.path}, wavelength")
         geometry: Any = Spectrum(wavelength, cls(**options))
     else:
         geometry = geometry_from_table(table, kind, source=source, detector=detector, **options)

@@ -9,6 +9,7 @@ import numpy as np
 from ..errors import InputError
 from ..optics.gauss import unit_gauss
 from ..optics.hankel import Kernel, Term
+from .overlap import enclosed, under_fibre
 from .source import Detector, Disk, Edge, Gaussian, Line, Pencil, Source
 
 Side = Literal["above", "below"]
@@ -167,48 +168,10 @@ class Radial(Geometry):
         if self.r is None:
             assert self.r_min is not None and self.r_max is not None
             low, high = self.r_min, self.r_max
-            return (self._enclosed(high) - self._enclosed(low)) / (np.pi * (high**2 - low**2))
+            return (enclosed(self.source, high) - enclosed(self.source, low)) / (np.pi * (high**2 - low**2))
         if self.detector.radius == 0.0:
             return self.source.density(self.r)
-        return np.array([self._under_fibre(float(r)) for r in self.r])
-
-    def _enclosed(self, radius: np.ndarray) -> np.ndarray:
-        """Share of the source's power within a radius."""
-        if isinstance(self.source, Disk):
-            return np.minimum(radius / self.source.radius, 1.0) ** 2
-        if isinstance(self.source, Gaussian):
-            return -np.expm1(-2.0 * (radius / self.source.radius) ** 2)
-        return np.where(radius > 0, 1.0, 0.0)
-
-    def _under_fibre(self, r: float) -> float:
-        """Mean of the source's pattern over a fibre at r."""
-        a = self.detector.radius
-        if isinstance(self.source, Pencil):
-            return 1.0 / (np.pi * a**2) if r < a else 0.0
-        if isinstance(self.source, Line):
-            return 2.0 * np.sqrt(max(a**2 - r**2, 0.0)) / (np.pi * a**2)
-        if isinstance(self.source, Edge):
-            t = np.clip(r / a, -1.0, 1.0)
-            return float(0.5 + (t * np.sqrt(1.0 - t**2) + np.arcsin(t)) / np.pi)
-        if isinstance(self.source, Disk):
-            return lens_area(r, a, self.source.radius) / (np.pi * a**2 * np.pi * self.source.radius**2)
-        rho, w_rho = unit_gauss(64)
-        angle, w_angle = unit_gauss(64)
-        rho, angle = a * rho[:, None], np.pi * angle
-        value = self.source.density(np.sqrt(r**2 + rho**2 + 2.0 * r * rho * np.cos(angle)))
-        return float(2.0 * np.sum(w_rho[:, None] * w_angle * value * rho) / a)
-
-
-def lens_area(distance: float, a: float, b: float) -> float:
-    """Area common to two disks."""
-    if distance >= a + b:
-        return 0.0
-    if distance <= abs(a - b):
-        return float(np.pi * min(a, b) ** 2)
-    at_a = np.arccos((distance**2 + a**2 - b**2) / (2.0 * distance * a))
-    at_b = np.arccos((distance**2 + b**2 - a**2) / (2.0 * distance * b))
-    kite = (-distance + a + b) * (distance + a - b) * (distance - a + b) * (distance + a + b)
-    return float(a**2 * at_a + b**2 * at_b - 0.5 * np.sqrt(kite))
+        return np.array([under_fibre(self.source, self.detector.radius, float(r)) for r in self.r])
 
 
 class RadialReflectance(Radial):

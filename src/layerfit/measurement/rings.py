@@ -4,7 +4,8 @@ import numpy as np
 from scipy import special
 
 from ..optics.gauss import unit_gauss
-from .geometry import Radial, lens_area
+from .geometry import Radial
+from .overlap import lens_area
 from .source import Disk, Edge, Gaussian, Line, Pencil
 
 _NARROW = 5e-4  # relative half width of the ring that stands for a distance

@@ -17,6 +17,8 @@ _QUANTITIES = {
     "angle": (0, True, "deg"),
     "per solid angle": (0, False, "1/sr"),
 }
+VALUE_QUANTITY = {"1/mm^2": "per area", "1/mm": "per length", "1": "number", "1/sr": "per solid angle"}  # of measured values
+NM = 1e6  # in a millimetre: wavelengths are in nm inside
 _ANGLES = ("radian", "degree", "turn")
 _SHARES = ("percent", "permille", "ppm")
 

@@ -54,6 +54,7 @@ def plot_fit(fit: "Fit") -> Figure:
 
 
 def draw_panel(upper: Any, lower: Any, geometry: Geometry, values: np.ndarray, sd: np.ndarray, fitted: np.ndarray, residuals: np.ndarray) -> None:
+    """Data with sd and what was fitted (upper), residuals in sd (lower), over the abscissa of a measurement."""
     x = geometry.centers()
     total = not geometry.places()
     upper.errorbar(x, values, sd, fmt="o", ms=4, lw=1, color=_DATA, label="data", zorder=3)
