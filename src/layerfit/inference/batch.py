@@ -22,6 +22,7 @@ from .quick_model import is_spectral, quick_model
 
 _CHUNK = 512  # rows of a call, at most
 _LANES = 32  # more leave the fastest cache, fewer pay for each step alone
+_SOLVED = 50_000  # operations of their normal equations; beyond, LAPACK's batches are shared out among threads (see `optics.linear_algebra`)
 _ALONE = 64  # rows that are not worth a second thread
 _MAX_STEPS = 200
 _COMPILING = Lock()
@@ -106,7 +107,7 @@ class Batch:
         """
         held = np.zeros(u.shape, bool) if held is None else held
         flags = np.array(0 if logarithms and not linearise else 1), np.array(linearise), np.array(fine)
-        lanes = _LANES if self.quick else 1  # a transport model fills the machine alone
+        lanes = max(1, min(_LANES, _SOLVED // u.shape[1] ** 3)) if self.quick else 1  # a transport model fills the machine alone
 
         def one(part: slice) -> Descent:
             rows = Rows(_filled(u[part]), _filled(held[part]), self.split(_filled(values[part])), self.split(_filled(sd[part])))

@@ -1,4 +1,4 @@
-"""Inverses of small matrices that need no pivoting, fast in batches and with a derivative rule of their own.
+"""Inverses of small matrices that need no pivoting, fast in batches and with a derivative rule of their own; decompositions, matrix by matrix.
 
 LAPACK's triangular solves are not batched on the CPU; these are matrix products in loops. Fit for matrices whose symmetric part is
 positive definite (1 + a positive semidefinite matrix, 1 - a product of two reflections) and for triangular ones: pivoting gains nothing there.
@@ -60,3 +60,32 @@ def _eliminate_blocks(a: Float[Array, "*b n n"], size: int) -> Float[Array, "*b 
         return jax.lax.dynamic_update_slice_in_dim(a, rows, at, axis=-2)
 
     return jax.lax.fori_loop(0, a.shape[-1] // size, step, a)
+
+
+# LAPACK's batches on the CPU wait for threads of XLA's pool while they hold one of them: with as many at a time as there are threads, all wait for
+# ever (jaxlib 0.10; newer ones do not). Hence one matrix after the other.
+_eigh_in_turn = jax.custom_batching.sequential_vmap(lambda a: tuple(jnp.linalg.eigh(a)))
+_cholesky_in_turn = jax.custom_batching.sequential_vmap(jnp.linalg.cholesky)
+
+
+@jax.custom_jvp
+def eigh(a: Float[Array, "n n"]) -> tuple[Float[Array, "n"], Float[Array, "n n"]]:
+    """Eigenvalues, rising, and eigenvectors (columns) of a symmetric matrix."""
+    return _eigh_in_turn(a)
+
+
+@eigh.defjvp
+def _eigh_jvp(primals, tangents):
+    value, change = jax.jvp(lambda a: tuple(jnp.linalg.eigh(a)), primals, tangents)
+    return value, change
+
+
+@jax.custom_jvp
+def cholesky(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """The lower triangular factor of a symmetric positive definite matrix."""
+    return _cholesky_in_turn(a)
+
+
+@cholesky.defjvp
+def _cholesky_jvp(primals, tangents):
+    return jax.jvp(jnp.linalg.cholesky, primals, tangents)

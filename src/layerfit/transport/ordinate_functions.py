@@ -21,7 +21,7 @@ from jax import Array
 from jaxtyping import Float
 
 from ..optics.differences import second_differences, third_difference
-from ..optics.linear_algebra import inverse
+from ..optics.linear_algebra import cholesky, eigh, inverse
 from ..optics.special import divided_differences, tanhc
 
 
@@ -71,7 +71,7 @@ def modes(problem: Problem) -> Modes:
     The direction that carries conservative light is split off first, so that at albedo 1 its eigenvalue is 0 and not rounding: a thick layer would
     multiply that by tau^2.
     """
-    L = jnp.linalg.cholesky(problem.P)
+    L = cholesky(problem.P)
     L_inverse = inverse(L)
     y = L_inverse @ problem.null
     length = jnp.linalg.norm(y)
@@ -86,7 +86,7 @@ def modes(problem: Problem) -> Modes:
     A = turned.T @ problem.M @ turned
     first = turned.T @ problem.lost * (-sign / length)
     A = A.at[0, :].set(first).at[:, 0].set(first)
-    value, Q = jnp.linalg.eigh(A)
+    value, Q = eigh(A)
     return Modes(jnp.maximum(value, 0.0), turned @ Q, Q.T @ reflect(L_inverse))
 
 
