@@ -14,7 +14,7 @@ from ..scene.layer import Layer
 from ..scene.stack import Stack
 from ..solver import Solver
 from ..transport.discrete_ordinates import DiscreteOrdinates
-from .many import fit_many
+from .many import fit_refined
 from .problem import Problem
 from .result import Outcome
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 NUMBERS = ("sigma_a", "sigma_s_prime")
+_COARSE = 16  # streams
 _ABSORPTION, _SCATTERING = (1e-6, 100.0), (1e-3, 1000.0)  # bounds of sigma_a and sigma_s' times the thickness
 
 
@@ -119,13 +120,21 @@ def fit_slabs(
             alike.setdefault(key, []).append(row)
     x, stderr, fitted = (np.full((rows, 2), np.nan) for _ in range(3))
     for members in alike.values():
-        many = fit_many(_problem(file, members[0], values, sd, g, solver), values[members], sd[members], starts=starts)
+        coarse, fine = (_problem(file, members[0], values, sd, g, one) for one in (_coarse(solver), solver))
+        many = fit_refined(coarse, fine, values[members], sd[members], starts=starts)
         x[members], stderr[members], fitted[members] = many.x, many.stderr, many.predictions
         for i, row in enumerate(members):
             said[row] = _said(row, many.outcome[i], many.at_bound[i], many.determined[i], np.abs(many.predictions[i] - values[row]) / sd[row])
         if on_rows:
             on_rows(int(np.sum(np.isfinite(fitted[:, 0]))), rows)
     return SlabRows(file, x, stderr, values, sd, fitted, tuple(said))
+
+
+def _coarse(solver: Solver) -> Solver:
+    """Near enough to end close to the minimum, in a tenth of the time."""
+    if isinstance(solver, DiscreteOrdinates) and (solver.streams is None or solver.streams > _COARSE):
+        return DiscreteOrdinates(streams=_COARSE, phase=dict(solver.phase))
+    return solver
 
 
 def _problem(file: RxtFile, row: int, values: np.ndarray, sd: np.ndarray, g: float | None, solver: Solver) -> Problem:
