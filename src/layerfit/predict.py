@@ -45,10 +45,11 @@ def predict(stack: Stack, geometries: Geometry | Sequence[Geometry], *, solver: 
         return [_spectrum(stack, geometry, solver) for geometry in geometries if isinstance(geometry, Spectrum)]
     for geometry in geometries:
         solver.check(stack, geometry)
-    chosen, why, _ = solver.choose(stack, geometries)
-    notes = [(*why, *chosen.notes(stack, geometry)) for geometry in geometries]
     columns = to_columns(stack)
-    forward = chosen.forward(Domain(stack, columns, columns), geometries, [(0.0, 0.0)] * len(geometries))
+    domain = Domain(stack, columns, columns)
+    chosen, why, _ = solver.choose(stack, geometries, domain=domain)
+    notes = [(*why, *chosen.notes(stack, geometry)) for geometry in geometries]
+    forward = chosen.forward(domain, geometries, [(0.0, 0.0)] * len(geometries))
     values, errors, said = forward.evaluate(columns)
     for geometry, value in zip(geometries, values, strict=True):
         if not np.all(np.isfinite(value)):

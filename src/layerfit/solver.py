@@ -102,10 +102,11 @@ class Solver(eqx.Module):
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in self.settings.items())})"
 
-    def choose(self, stack: Stack, geometries: Sequence[Geometry], resolution: Resolution | None = None) -> "Choice":
+    def choose(self, stack: Stack, geometries: Sequence[Geometry], resolution: Resolution | None = None, domain: Domain | None = None) -> "Choice":
         """The solver that will run; only a solver that chooses returns another than itself.
 
-        resolution : relative sd of the data, one array a geometry; None where there are no data or none is known.
+        resolution : relative sd of the data, one array a geometry; None where there are no data or none is known. domain : all stacks that it must
+        serve, where they are known.
         """
         return Choice(self, ())
 

@@ -147,7 +147,7 @@ class Problem(eqx.Module):
             for one in posed(start, geometry):
                 self.solver.check(*one)
         if choice is None:
-            choice = max((self.solver.choose(*one, _resolution(data)) for one in some(start, geometries)), key=lambda made: made.rung)
+            choice = max((self.solver.choose(*one, _resolution(data), domain) for one in some(start, geometries)), key=lambda made: made.rung)
         if domain is None:
             parts = groups(geometries)
             forwards = []

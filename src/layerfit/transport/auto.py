@@ -16,8 +16,10 @@ from ..solver import Choice, Domain, Forward, Resolution, Solver
 from .diffusion_error import known_error
 from .discrete_ordinates import DiscreteOrdinates
 from .layered_diffusion import LayeredDiffusion
+from .upper_layers import visible_layers
 
 TOLERANCE = 0.01
+_UNSEEN = 0.1  # share of the error allowed that layers may have which are left out
 
 
 class Candidate(NamedTuple):
@@ -78,21 +80,24 @@ class Auto(Solver):
         if None not in refusals:
             raise InputError("; ".join(dict.fromkeys(filter(None, refusals))))
 
-    def choose(self, stack: Stack, geometries: Sequence[Geometry], resolution: Resolution | None = None) -> Choice:
+    def choose(self, stack: Stack, geometries: Sequence[Geometry], resolution: Resolution | None = None, domain: Domain | None = None) -> Choice:
         for geometry in geometries:
             self.check(stack, geometry)
         found = self._from(0, stack, geometries, self.allowed(resolution))
         if found is None:
             reasons = dict.fromkeys(solver.refusal(stack, geometries) for solver in self.ladder())
             raise InputError(f"no solver can predict all measurements together: {'; '.join(filter(None, reasons))}; lf.FirstAble takes one for each")
-        return found
+        return found if domain is None else _without_the_unseen(found, domain, geometries, self.allowed(resolution))
 
     def choose_again(self, before: Choice, stack: Stack, geometries: Sequence[Geometry], resolution: Resolution | None = None) -> Choice | None:
         allowed = self.allowed(resolution)
         if candidate(before.solver, stack, geometries).excess(allowed) <= 1.0:
             return None
         found = self._from(before.rung, stack, geometries, allowed)
-        return None if found is None or found.rung <= before.rung else found
+        if found is None or found.rung <= before.rung:
+            return None
+        kept = before.solver.layers if isinstance(before.solver, DiscreteOrdinates) else None
+        return found._replace(solver=found.solver.with_layers(kept)) if isinstance(found.solver, DiscreteOrdinates) else found
 
     def allowed(self, resolution: Resolution | None) -> np.ndarray | float:
         """Largest relative error that may remain in each value."""
@@ -124,6 +129,19 @@ class Auto(Solver):
 
     def forward(self, domain: Domain, geometries: Sequence[Geometry], shifts: Sequence[tuple[float, float]]) -> Forward:
         return self.choose(domain.stack, geometries).solver.forward(domain, geometries, shifts)
+
+
+def _without_the_unseen(choice: Choice, domain: Domain, geometries: Sequence[Geometry], allowed: np.ndarray | float) -> Choice:
+    """The same without layers that no value depends on, in any stack of the domain. Diffusion is quick with them."""
+    if not isinstance(choice.solver, DiscreteOrdinates):
+        return choice
+    count = visible_layers(domain, geometries, _UNSEEN * allowed)
+    if count == len(domain.stack.layers):
+        return choice
+    names = [f"'{layer.name}'" for layer in domain.stack.layers]
+    below = f"{', '.join(names[count:])} {'is' if count == len(names) - 1 else 'are'}"
+    said = f"{below} not seen (less than a tenth of the error allowed in any value) and taken as more of {names[count - 1]}"
+    return Choice(choice.solver.with_layers(count), (*choice.notes, said), choice.rung)
 
 
 def candidate(solver: Solver, stack: Stack, geometries: Sequence[Geometry]) -> Candidate:

@@ -23,6 +23,7 @@ from .ordinate_profiles import profiles_forward
 from .ordinate_stack import Grid, Layout, beam_sines, coarsened, lay_out, make_faces, make_grid, media, medium, pieces
 from .response import Response, compose_all, reflection
 from .single_scattering import correction
+from .upper_layers import UpperLayersForward, upper_domain
 
 
 class DiscreteOrdinates(Solver):
@@ -38,6 +39,7 @@ class DiscreteOrdinates(Solver):
         For distances and spatial frequencies 16 to 32.
     orders : azimuthal orders of light that walks sideways, at least 2. Left out: 5. Totals and angles take what they need.
     frequencies : at which distances are computed, even, at least 8. Left out: 32.
+    layers : how many are modelled, from the top, the last of them as if it were endless. Left out: all.
     phase : tabulated Legendre moments (1, g, ...) of the phase functions of layers, by layer name, in place of Henyey and Greenstein's.
 
     Raises InputError for numbers outside these.
@@ -58,6 +60,7 @@ class DiscreteOrdinates(Solver):
     streams: int | None = eqx.field(static=True)
     orders: int | None = eqx.field(static=True)
     frequencies: int | None = eqx.field(static=True)
+    layers: int | None = eqx.field(static=True)
     phase: tuple[tuple[str, tuple[float, ...]], ...] = eqx.field(static=True)
 
     def __init__(
@@ -66,17 +69,23 @@ class DiscreteOrdinates(Solver):
         streams: int | None = None,
         orders: int | None = None,
         frequencies: int | None = None,
+        layers: int | None = None,
         phase: dict[str, Sequence[float]] | None = None,
     ):
         self.streams = _count(streams, "streams", 4, even=True)
         self.orders = _count(orders, "orders", 2, even=False)
         self.frequencies = _count(frequencies, "frequencies", 8, even=True)
+        self.layers = _count(layers, "layers", 1, even=False)
         self.phase = tuple((name, tuple(float(chi) for chi in table)) for name, table in (phase or {}).items())
         for name, table in self.phase:
             if len(table) < 1 or table[0] != 1.0 or not np.all(np.abs(table[1:]) < 1.0):
                 raise InputError(
                     f"DiscreteOrdinates: phase of '{name}' = {table}; allowed: Legendre moments, the first 1, the others between -1 and 1"
                 )
+
+    def with_layers(self, count: int | None) -> "DiscreteOrdinates":
+        """The same with another number of layers that are modelled."""
+        return DiscreteOrdinates(streams=self.streams, orders=self.orders, frequencies=self.frequencies, layers=count, phase=dict(self.phase))
 
     def check(self, stack: Stack, geometry: Geometry) -> None:
         names = [layer.name for layer in stack.layers]
@@ -87,6 +96,8 @@ class DiscreteOrdinates(Solver):
             clear = not isinstance(layer.sigma_s_prime, Tracer) and float(layer.sigma_s_prime) == 0.0
             if layer.g is None and not clear and layer.name not in dict(self.phase):
                 raise InputError(f"layer '{layer.name}': solver {self.name} needs g; allowed is g beside sigma_s_prime, or sigma_s with g")
+        if geometry.side == "below" and self.layers is not None:
+            raise InputError(f"{geometry.kind}: layers = {self.layers} leaves nothing to come out below; allowed is all layers")
         if geometry.side == "below" and stack.half_space:
             raise InputError(f"{geometry.kind}: the stack ends in a half space, nothing comes out below; allowed is a last layer with a thickness")
 
@@ -99,6 +110,10 @@ class DiscreteOrdinates(Solver):
         return [replace(layout, orders=_orders(geometry, domain, layout.terms, tabulated)) for geometry in geometries]
 
     def forward(self, domain: Domain, geometries: Sequence[Geometry], shifts: Sequence[tuple[float, float]]) -> Forward:
+        if self.layers is not None and self.layers < len(domain.stack.layers):
+            upper = self.with_layers(None).forward(upper_domain(domain, self.layers), geometries, shifts)
+            return UpperLayersForward(upper, self.layers)
+
         def make(sideways: int, chosen: tuple[int, ...]) -> Forward:
             mine = [geometries[j] for j in chosen]
             return self._sideways(domain, mine, [shifts[j] for j in chosen]) if sideways else self._even(domain, mine)

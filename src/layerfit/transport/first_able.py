@@ -47,7 +47,7 @@ class FirstAble(Solver):
     def __repr__(self) -> str:
         return f"FirstAble({', '.join(map(repr, self.solvers))})"
 
-    def choose(self, stack: Stack, geometries: Sequence[Geometry], resolution: Resolution | None = None) -> Choice:
+    def choose(self, stack: Stack, geometries: Sequence[Geometry], resolution: Resolution | None = None, domain: Domain | None = None) -> Choice:
         if not any(isinstance(solver, Auto) for solver in self.solvers):
             return Choice(self, ())
         taken = [self.solvers.index(self.taken(stack, geometry)) for geometry in geometries]
@@ -55,7 +55,7 @@ class FirstAble(Solver):
         for i, solver in enumerate(self.solvers):
             mine = [j for j, number in enumerate(taken) if number == i]
             resolved = None if resolution is None else [resolution[j] for j in mine]
-            choices.append(solver.choose(stack, [geometries[j] for j in mine], resolved) if mine else Choice(solver, ()))
+            choices.append(solver.choose(stack, [geometries[j] for j in mine], resolved, domain) if mine else Choice(solver, ()))
         return Choice(FirstAble(*(choice.solver for choice in choices)), tuple(note for choice in choices for note in choice.notes))
 
     def taken(self, stack: Stack, geometry: Geometry) -> Solver:

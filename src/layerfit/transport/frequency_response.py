@@ -156,7 +156,7 @@ def values(sample: Sample, k: Float[Array, "k"], steps: Steps, block: int) -> Fl
 
     The derivative is taken in reverse, once for each frequency, whatever the number of directions asked for afterwards.
     """
-    numbers, fixed = eqx.partition(sample, lambda x: jnp.issubdtype(jnp.result_type(x), jnp.floating))
+    numbers, fixed = eqx.partition(sample, lambda x: jnp.issubdtype(jnp.result_type(x), jnp.floating) and jnp.size(x) > 0)
     leaves, structure = jax.tree.flatten(numbers)
     others, rest = jax.tree.flatten(fixed)  # constants: no derivative is asked of them, but they may be traced
 
