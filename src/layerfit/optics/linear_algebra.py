@@ -4,6 +4,8 @@ LAPACK's triangular solves are not batched on the CPU; these are matrix products
 positive definite (1 + a positive semidefinite matrix, 1 - a product of two reflections) and for triangular ones: pivoting gains nothing there.
 """
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 from jax import Array
@@ -64,28 +66,46 @@ def _eliminate_blocks(a: Float[Array, "*b n n"], size: int) -> Float[Array, "*b 
 
 # LAPACK's batches on the CPU wait for threads of XLA's pool while they hold one of them: with as many at a time as there are threads, all wait for
 # ever (jaxlib 0.10; newer ones do not). Hence one matrix after the other.
-_eigh_in_turn = jax.custom_batching.sequential_vmap(lambda a: tuple(jnp.linalg.eigh(a)))
-_cholesky_in_turn = jax.custom_batching.sequential_vmap(jnp.linalg.cholesky)
+def _in_turn(decompose: Callable[[Array], tuple[Array, ...]]) -> Callable[[Array], tuple[Array, ...]]:
+    """The decomposition of one matrix; a batch goes through a loop. An axis of length 1 stays an axis, that rounding be the same with and without."""
+    alone = jax.custom_batching.custom_vmap(decompose)
+
+    @alone.def_vmap
+    def batched(size, _, a):
+        found = alone(a) if size == 1 else jax.lax.map(alone, a)
+        return found, (True,) * len(found)
+
+    return alone
+
+
+_eigh_in_turn = _in_turn(lambda a: tuple(jnp.linalg.eigh(a)))
+_cholesky_in_turn = _in_turn(lambda a: (jnp.linalg.cholesky(a),))
 
 
 @jax.custom_jvp
 def eigh(a: Float[Array, "n n"]) -> tuple[Float[Array, "n"], Float[Array, "n n"]]:
-    """Eigenvalues, rising, and eigenvectors (columns) of a symmetric matrix."""
-    return _eigh_in_turn(a)
+    """Eigenvalues, rising, and eigenvectors (columns) of a symmetric matrix; the vectors' derivative needs eigenvalues that differ."""
+    value, vectors = _eigh_in_turn(a)
+    return value, vectors
 
 
 @eigh.defjvp
 def _eigh_jvp(primals, tangents):
-    value, change = jax.jvp(lambda a: tuple(jnp.linalg.eigh(a)), primals, tangents)
-    return value, change
+    value, vectors = eigh(*primals)
+    change = vectors.T @ tangents[0] @ vectors
+    apart = value[None, :] - value[:, None] + jnp.eye(len(value))
+    return (value, vectors), (jnp.diagonal(change), vectors @ (change / apart * (1.0 - jnp.eye(len(value)))))
 
 
 @jax.custom_jvp
 def cholesky(a: Float[Array, "n n"]) -> Float[Array, "n n"]:
     """The lower triangular factor of a symmetric positive definite matrix."""
-    return _cholesky_in_turn(a)
+    return _cholesky_in_turn(a)[0]
 
 
 @cholesky.defjvp
 def _cholesky_jvp(primals, tangents):
-    return jax.jvp(jnp.linalg.cholesky, primals, tangents)
+    factor = cholesky(*primals)
+    back = inverse(factor)
+    change = back @ tangents[0] @ back.T
+    return factor, factor @ (jnp.tril(change) - 0.5 * jnp.diag(jnp.diagonal(change)))
