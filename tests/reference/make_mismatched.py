@@ -18,12 +18,19 @@ THINNEST = 1e-5
 
 
 def rule(n):
-    """Cosines inside and their weights."""
+    """Cosines inside and their weights, the beam last: it carries no weight."""
     x, w = np.polynomial.legendre.leggauss(NODES)
     t = 0.5 * (1.0 + x)
     s, ds = t**3 * (10.0 - 15.0 * t + 6.0 * t**2), 15.0 * w * (t * (1.0 - t)) ** 2
     critical = np.sqrt(1.0 - n**-2)
-    return np.concatenate([critical * s, critical + (1.0 - critical) * s]), np.concatenate([critical * ds, (1.0 - critical) * ds])
+    return np.concatenate([critical * s, critical + (1.0 - critical) * s, [1.0]]), np.concatenate([critical * ds, (1.0 - critical) * ds, [0.0]])
+
+
+def four_directions(n):
+    """Inverse adding-doubling's rule of four points: two of Gauss below the cosine of the critical angle, two of Radau above it."""
+    critical, half = np.sqrt(1.0 - n**-2), 0.5 / np.sqrt(3.0)
+    mu = np.array([critical * (0.5 - half), critical * (0.5 + half), critical + (1.0 - critical) / 3.0, 1.0])
+    return mu, np.array([0.5 * critical, 0.5 * critical, 0.75 * (1.0 - critical), 0.25 * (1.0 - critical)])
 
 
 def reflectance(mu, n):
@@ -34,12 +41,12 @@ def reflectance(mu, n):
     return np.where(sine >= 1.0, 1.0, 0.5 * (s**2 + p**2))
 
 
-def slab(mu, W, g, albedo, tau):
+def slab(mu, W, g, albedo, tau, thinnest=THINNEST):
     """Reflection and transmission between powers in all directions."""
     l = np.arange(1 if g == 0.0 else min(int(np.log(1e-14) / np.log(g)) + 2, 400))
     P = np.polynomial.legendre.legvander(mu, l.size - 1)
     same, other = (P * (2 * l + 1) * g**l) @ P.T, (P * (2 * l + 1) * (-g) ** l) @ P.T
-    doublings = max(0, int(np.ceil(np.log2(tau / THINNEST))))
+    doublings = max(0, int(np.ceil(np.log2(tau / thinnest))))
     h = 0.5 * tau / 2.0**doublings
     one = np.eye(mu.size)
     lost, turned = h * (one - 0.5 * albedo * W[:, None] * same) / mu, h * 0.5 * albedo * W[:, None] * other / mu
@@ -52,11 +59,10 @@ def slab(mu, W, g, albedo, tau):
     return R, T
 
 
-def totals(n, g, albedo, tau):
+def totals(n, g, albedo, tau, directions=rule, thinnest=THINNEST):
     """R and T at normal incidence, then of diffuse light, first-surface reflection included."""
-    mu, W = rule(n)
-    mu, W = np.append(mu, 1.0), np.append(W, 0.0)  # the beam carries no weight
-    R, T = slab(mu, W, g, albedo, tau)
+    mu, W = directions(n)
+    R, T = slab(mu, W, g, albedo, tau, thinnest)
     r = reflectance(mu, n)
     one, mirror = np.eye(mu.size), np.diag(r)
     to_and_fro = np.linalg.inv(one - R @ mirror)
