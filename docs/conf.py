@@ -9,6 +9,7 @@ sys.path.insert(0, str(root / "docs"))
 
 project = "layerfit"
 author = "The layerfit developers"
+project_copyright = f"2026 {author}"
 release = re.findall(r'__version__ = "(.*?)"', (root / "src/layerfit/__init__.py").read_text())[0]
 extensions = ["myst_parser", "sphinx.ext.autodoc", "mathml", "plain_docstrings"]
 html_theme = "furo"
