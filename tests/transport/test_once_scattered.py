@@ -11,7 +11,6 @@ from layerfit.solver import Domain
 from layerfit.transport.once_scattered import even_azimuths, exact_path, profile, spectrum
 from layerfit.transport.ordinate_stack import lay_out, medium
 
-
 AZIMUTHS = even_azimuths(64)
 
 
