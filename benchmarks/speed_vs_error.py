@@ -5,8 +5,8 @@
 
 R(r) in the case file's own rings from half a transport mean free path of the first layer on whose standard error is below 5 %. Error: median of the
 relative deviations, in which the Monte Carlo's own noise is contained. Time: a warm prediction, median of five. MCML at equal error: the CPU
-seconds of the reference run, scaled by the square of the ratio of its median standard error to the solver's error (the larger of the
-deviation and what it states).
+seconds of the reference run, scaled by the square of the ratio of its median standard error to the solver's error; and, in brackets, to the larger
+of that and what the solver states, which is what a user knows without a reference.
 """
 
 import json
@@ -51,8 +51,8 @@ def rows_of(name):
         beyond[solver] = float(np.max((deviation - 3.0 * se / reference)[se < 0.02 * reference]))
         error = float(np.median(deviation))
         stated = None if run.stated is None else float(np.median(run.stated / reference))
-        equal = seconds * (noise / max(error, stated or 0.0)) ** 2
-        rows.append({"solver": solver.label, "first_s": run.first, "warm_ms": 1e3 * run.warm, "error": error, "stated": stated, "mcml_s": equal})
+        rows.append({"solver": solver.label, "first_s": run.first, "warm_ms": 1e3 * run.warm, "error": error, "stated": stated})
+        rows[-1] |= {"mcml_s": seconds * (noise / error) ** 2, "mcml_stated_s": seconds * (noise / max(error, stated or 0.0)) ** 2}
     auto = []
     for tolerance in TOLERANCES:
         choice = lf.Auto(tolerance=tolerance).choose(case.stack, [geometry])
@@ -100,7 +100,8 @@ def main():
         for row in found[name]["rows"]:
             stated = "" if row["stated"] is None else f"{100 * row['stated']:.2g}"
             numbers = (f"{row['first_s']:.1f}", f"{row['warm_ms']:.3g}", f"{100 * row['error']:.2g}", stated, f"{row['mcml_s']:.3g}")
-            lines.append(f"| {name} | {row['solver']} | {' | '.join(numbers)} | {1e3 * row['mcml_s'] / row['warm_ms']:,.0f} |")
+            faster, known = (1e3 * row[key] / row["warm_ms"] for key in ("mcml_s", "mcml_stated_s"))
+            lines.append(f"| {name} | {row['solver']} | {' | '.join(numbers)} | {faster:,.0f} ({known:,.0f}) |")
             print(lines[-1], flush=True)
     lines += ["", "## What Auto takes", "", *TEXT, ""]
     lines += ["| scene | tolerance [%] | rung taken | cheapest that would have done | largest error beyond 3 se [%] | met |", "|---" * 6 + "|"]

@@ -3,7 +3,8 @@
     python benchmarks/transport_speed.py        # two minutes
 
 64 distances from half a transport mean free path to 20 mm, 6 parameters (both absorptions and scatterings, g of the top, thickness). Least of the
-medians of three passes of 7 calls, on one core. The error is that against the finest rung of Auto; diffusion stands beside.
+medians of three passes of 7 calls, on one core, compiled as fits are; compilation is tracing and compiling. The error is that against the finest
+rung of Auto; diffusion stands beside.
 """
 
 import os
@@ -20,6 +21,7 @@ import numpy as np
 from record import record
 
 import layerfit as lf
+from layerfit.inference.least_squares import OPTIONS
 from layerfit.scene.columns import to_columns
 from layerfit.solver import Domain
 
@@ -56,8 +58,8 @@ def main():
             return forward(eqx.tree_at(where, columns, (x[:2], x[2:4], g, x[5:])))[0]
 
         x = jnp.concatenate([columns.sigma_a, columns.sigma_s_prime, columns.g[:1], columns.thickness])
-        compile_value, value = timed(jax.jit(values), x)
-        compile_jacobian, jacobian = timed(jax.jit(jax.jacfwd(values)), x)
+        compile_value, value = timed(jax.jit(values, **OPTIONS), x)
+        compile_jacobian, jacobian = timed(jax.jit(jax.jacfwd(values), **OPTIONS), x)
         error = np.abs(np.asarray(values(x)) / finest - 1.0)
         row = {
             "solver": solver.label,

@@ -168,6 +168,7 @@ def _descend(model: Model, u: Float[AnyArray, "runs p"], count: Int[AnyArray, ""
     return Descent(end, x, model.coordinates.physical(u), slope, residual, jacobian, steps, converged)
 
 
-# The older of XLA's two code generators compiles these many small loops in half the time, and they run as fast.
-OPTIONS: dict[str, Any] = {"compiler_options": {"xla_cpu_use_fusion_emitters": False}}
+# The older of XLA's two code generators, with little optimisation, compiles these many small loops in less than half the time; a fit runs as fast
+# (of transport within a sixth).
+OPTIONS: dict[str, Any] = {"compiler_options": {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}}
 descend: Callable[..., Descent] = eqx.filter_jit(_descend, **OPTIONS)

@@ -11,14 +11,18 @@ from .ordinate_stack import Layout, lay_out, media, middle, resolved_terms
 
 
 class Fineness(eqx.Module):
-    """layout : directions and azimuthal orders. count : frequencies, even."""
+    """layout : directions and azimuthal orders. count : frequencies, even. along : light may run far along the sample, or a layer of it."""
 
     layout: Layout
     count: int = eqx.field(static=True)
+    along: bool = eqx.field(static=True)
 
 
 _THIN, _SLAB = 0.3, 3.0  # transport optical thickness of a layer, and of a whole sample, below which light goes far sideways unscattered
 _WIDE = 4.0  # ratio of scales from which more frequencies are needed
+_FAR = 20.0  # and from which many more
+_ABSORBING = 0.2  # share of absorption in the extinction of all layers from which R(r) falls steeply
+_FORWARD = 0.85  # g
 
 
 def fineness(
@@ -31,10 +35,20 @@ def fineness(
     dense, clear = scales(middle(domain))
     wide = dense > _WIDE * clear
     guiding = thin and dense > _WIDE * float(np.min(np.asarray(low.sigma_t_prime)))  # light runs far in a thin clear layer over a dense one
-    enough = 40 if guiding else 32 if thin else 24 if float(np.max(np.asarray(high.g))) > 0.85 else 16
+    mean = middle(domain)
+    far, absorbing = dense > _FAR * clear, float(np.min(np.asarray(mean.sigma_a / mean.sigma_t_prime))) > _ABSORBING
+    forward = float(np.max(np.asarray(high.g))) > _FORWARD
+    if slab:
+        enough, most, count = (40 if forward else 32) if thin else 24, 6 if forward else 5, 64
+    elif guiding:
+        enough, most, count = 56, 5, 48
+    elif wide and not low.half_space:
+        enough, most, count = 32, 5, 64
+    else:
+        enough, most = 32 if thin else 24 if forward else 16, 5
+        count = 80 if far else 48 if wide or thin or absorbing else 32
     layout = _resolved(domain, lay_out(domain, streams or enough, 1, tables))
-    layout = replace(layout, orders=min(orders or (6 if slab else 5), layout.terms))
-    return Fineness(layout, frequencies or (64 if slab else 48 if wide or thin else 32))
+    return Fineness(replace(layout, orders=min(orders or most, layout.terms)), frequencies or count, slab or guiding)
 
 
 def scales(columns: Columns) -> tuple[float, float]:
@@ -49,7 +63,7 @@ def coarser(domain: Domain, fine: Fineness) -> Fineness:
     """Three quarters of the directions and one order less."""
     counts = tuple(max(2, round(0.75 * count)) for count in fine.layout.counts)
     layout = _resolved(domain, replace(fine.layout, counts=counts))
-    return Fineness(replace(layout, orders=max(2, min(fine.layout.orders - 1, layout.terms))), fine.count)
+    return Fineness(replace(layout, orders=max(2, min(fine.layout.orders - 1, layout.terms))), fine.count, fine.along)
 
 
 def _resolved(domain: Domain, layout: Layout) -> Layout:

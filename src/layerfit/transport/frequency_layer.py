@@ -31,10 +31,11 @@ class Sheet(NamedTuple):
     decay: Float[Array, ""]
 
 
-def matrices(sheet: Sheet, k: Float[Array, ""]) -> tuple[Float[Array, "c c"], Float[Array, "c c"]]:
-    """A and B at spatial frequency k [1/mm]."""
+def matrices(sheet: Sheet, k: Float[Array, ""], closing: Float[Array, "n"]) -> tuple[Float[Array, "c c"], Float[Array, "c c"]]:
+    """A and B at spatial frequency k [1/mm]. closing : handed on by the last order, by direction."""
     orders = sheet.P.shape[0]
-    sideways = k * jnp.kron(coupling(orders), jnp.diag(sheet.tangent))
+    last = jnp.zeros((orders, orders)).at[-1, -1].set(0.5)
+    sideways = k * (jnp.kron(coupling(orders), jnp.diag(sheet.tangent)) + jnp.kron(last, jnp.diag(closing * sheet.tangent)))
     return tuple(_bordered(all_orders(diagonal) + sideways, -border, sheet.rate) for diagonal, border in ((sheet.P, sheet.p), (sheet.M, sheet.q)))  # pyright: ignore[reportReturnType]
 
 
@@ -44,27 +45,27 @@ def all_orders(blocks: Float[Array, "orders n n"]) -> Float[Array, "c c"]:
     return (jnp.eye(orders)[:, None, :, None] * blocks[:, :, None, :]).reshape(orders * n, orders * n)
 
 
-_CLOSING = 0.7
-
-
 def coupling(orders: int) -> np.ndarray:
-    """Streaming along cos(phi) between neighbouring orders, after the factors i^m.
+    """Streaming along cos(phi) between neighbouring orders, after the factors i^m, cut off after the last order.
 
-    Cut off at the last order, the chain would reflect what should run on to higher ones: at large k that converges slowly. An unscattered chain hands
-    on the share rho = sqrt(1 + x^2) - x, x = 1/(k tan theta) in mean free paths; here one share serves all directions and frequencies (0.7, between
-    the limits 0 and 1; four orders then do what eight would without it).
+    Cut off, the chain reflects what should run on to higher orders: at large k that converges slowly. An unscattered chain hands on the share
+    rho = sqrt(1 + x^2) - x, x = 1/(k tan theta) in mean free paths; half of such a share stands at the end of the chain of each direction
+    (`closing`), and three or four orders then do what eight would without it.
     """
     steps = np.full(orders - 1, 0.5)
     steps[:1] = np.sqrt(0.5)
-    chain = np.diag(steps, -1) - np.diag(steps, 1)
-    chain[-1, -1] = 0.5 * _CLOSING
-    return chain
+    return np.diag(steps, -1) - np.diag(steps, 1)
 
 
-def azimuth_modes(orders: int) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalues of the coupling and the share of each in what comes back to order 0: cosines of azimuths, times i, with their weights."""
-    modes, vectors = np.linalg.eig(coupling(orders).astype(complex))
-    return modes, vectors[0] * np.linalg.inv(vectors)[:, 0]
+def azimuth_modes(orders: int, closing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues of the coupling and the share of each in what comes back to order 0: cosines of azimuths, times i, with their weights.
+
+    closing : handed on by the last order, of any shape, which leads in the result.
+    """
+    chain = np.zeros((*closing.shape, orders, orders), complex) + coupling(orders)
+    chain[..., -1, -1] = 0.5 * closing
+    modes, vectors = np.linalg.eig(chain)
+    return modes, vectors[..., 0, :] * np.linalg.inv(vectors)[..., :, 0]
 
 
 def _bordered(square: Float[Array, "c c"], fed: Float[Array, "n"], corner: Float[Array, ""]) -> Float[Array, "c1 c1"]:
@@ -109,7 +110,9 @@ def deep_steps(ratio: float) -> int:
     return _DEEP + int(np.ceil(np.log2(max(ratio / _FAR, 1.0))))
 
 
-def thick_layer(sheet: Sheet, k: Float[Array, ""], steps: int, deep: Float[Array, ""]) -> tuple[Float[Array, "c c"], Float[Array, "c c"]]:
+def thick_layer(
+    sheet: Sheet, k: Float[Array, ""], closing: Float[Array, "n"], steps: int, deep: Float[Array, ""]
+) -> tuple[Float[Array, "c c"], Float[Array, "c c"]]:
     """R and T of a layer that dims a beam by half or more, by doubling Y and Z; of a half space where ``deep`` is 1 (0 elsewhere).
 
     Fast modes of a finite layer are wrong at the start and right in the end: doubling is also Newton's iteration for their limit. In a half space all
@@ -119,7 +122,7 @@ def thick_layer(sheet: Sheet, k: Float[Array, ""], steps: int, deep: Float[Array
     ----------
     R. Byers, Linear Algebra Appl. 85, 267 (1987); N. J. Higham, Functions of Matrices (2008), section 5.5.
     """
-    A, B = matrices(sheet, k)
+    A, B = matrices(sheet, k, closing)
     Y, Z = _rational(A, B, 0.5 * sheet.depth / 2.0**steps)
     Y, Z = (jnp.where(deep, whole, start) for whole, start in ((A, Y), (B, Z)))
     fastest = jax.lax.stop_gradient(jnp.max(jnp.sum(jnp.abs(A), axis=1)) * jnp.max(jnp.sum(jnp.abs(B), axis=1)))
@@ -138,9 +141,9 @@ def thick_layer(sheet: Sheet, k: Float[Array, ""], steps: int, deep: Float[Array
     return jnp.where(deep, R + T, R), jnp.where(deep, 0.0, T)
 
 
-def thin_layer(sheet: Sheet, k: Float[Array, ""], steps: int) -> tuple[Float[Array, "c c"], Float[Array, "c c"]]:
+def thin_layer(sheet: Sheet, k: Float[Array, ""], closing: Float[Array, "n"], steps: int) -> tuple[Float[Array, "c c"], Float[Array, "c c"]]:
     """R and T of a layer that may be clear, by doubling R and T: there Y and Z have poles, where light sideways has gone through half a period."""
-    A, B = matrices(sheet, k)
+    A, B = matrices(sheet, k, closing)
     one = jnp.eye(A.shape[0])
 
     def double(pair, _):

@@ -9,6 +9,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from ..arrays import AnyArray
 from ..scene.columns import Columns
 from .discrete_ordinates_layer import Directions, problem, scattering
 from .frequency_layer import Sheet, all_orders, thick_layer, thin_layer
@@ -24,6 +25,14 @@ class Steps(NamedTuple):
     thin: tuple[bool, ...]
     of_thin: int
     of_thick: int
+
+
+class Closing(NamedTuple):
+    """How the chain of azimuthal orders ends, for each frequency and direction. share : handed on. modes, shares : `azimuth_modes` of it."""
+
+    share: AnyArray
+    modes: AnyArray
+    shares: AnyArray
 
 
 class Sample(eqx.Module):
@@ -83,7 +92,7 @@ def _whole(face: Response[Matrix], orders: int) -> Response[Matrix]:
     return Response(*(one(operator) for operator in (face.R_above, face.R_below, face.T_down, face.T_up)))
 
 
-def _layers(sample: Sample, k: Float[Array, ""], steps: Steps) -> list[tuple[Matrix, Matrix]]:
+def _layers(sample: Sample, k: Float[Array, ""], closing: AnyArray, steps: Steps) -> list[tuple[Matrix, Matrix]]:
     """R and T of all layers, top first; those of a kind side by side."""
     kinds = [np.flatnonzero(np.array(steps.thin) == kind) for kind in (True, False)]
     deep = np.zeros(len(sample.sheets))
@@ -94,22 +103,22 @@ def _layers(sample: Sample, k: Float[Array, ""], steps: Steps) -> list[tuple[Mat
 
     found: dict[int, tuple[Matrix, Matrix]] = {}
     if kinds[0].size:
-        R, T = jax.vmap(lambda sheet: thin_layer(sheet, k, steps.of_thin))(of(kinds[0]))
+        R, T = jax.vmap(lambda sheet: thin_layer(sheet, k, closing, steps.of_thin))(of(kinds[0]))
         found |= {int(i): (Matrix(R[j]), Matrix(T[j])) for j, i in enumerate(kinds[0])}
     if kinds[1].size:
-        R, T = jax.vmap(lambda sheet, deep: thick_layer(sheet, k, steps.of_thick, deep))(of(kinds[1]), deep[kinds[1]])
+        R, T = jax.vmap(lambda sheet, deep: thick_layer(sheet, k, closing, steps.of_thick, deep))(of(kinds[1]), deep[kinds[1]])
         found |= {int(i): (Matrix(R[j]), Matrix(T[j])) for j, i in enumerate(kinds[1])}
     return [found[i] for i in range(len(sample.sheets))]
 
 
-def seen(sample: Sample, k: Float[Array, ""], steps: Steps) -> Float[Array, "c"]:
+def seen(sample: Sample, k: Float[Array, ""], closing: AnyArray, steps: Steps) -> Float[Array, "c"]:
     """What a beam of power 1 sends out into all directions, orders and the beam, the first-surface reflection left out.
 
     From the bottom up, with one loop over faces and layers, all alike: a program of the same length for any number of layers.
     """
     orders = sample.sheets[0].P.shape[0]
     parts = []
-    for i, (R, T) in enumerate(_layers(sample, k, steps)):
+    for i, (R, T) in enumerate(_layers(sample, k, closing, steps)):
         if not isinstance(sample.faces[i], Nothing) or i == 0:
             parts.append(_whole(sample.faces[i], orders))
         parts.append(Response(R, R, T, T))
@@ -126,9 +135,11 @@ def seen(sample: Sample, k: Float[Array, ""], steps: Steps) -> Float[Array, "c"]
     return (R - parts[0].R_above if T is None else T).value[:, -1]
 
 
-def scattered_often(sample: Sample, k: Float[Array, ""], steps: Steps) -> Float[Array, ""]:
+def scattered_often(sample: Sample, k: Float[Array, ""], closing: Closing, steps: Steps) -> Float[Array, ""]:
     """What leaves one side at spatial frequency k without the beam itself and the light that was scattered once and left straight away."""
-    return sample.collected @ seen(sample, k, steps)[: sample.collected.shape[0]] - spectrum(sample.path, k)
+    return sample.collected @ seen(sample, k, closing.share, steps)[: sample.collected.shape[0]] - spectrum(
+        sample.path, k, closing.modes, closing.shares
+    )
 
 
 def unscattered(sample: Sample) -> Float[Array, ""]:
@@ -151,7 +162,7 @@ def _beam(face: Response[Matrix]) -> Response[Matrix]:
     return Response(*(Matrix(operator.value[0, -1:, -1:]) for operator in (face.R_above, face.R_below, face.T_down, face.T_up)))
 
 
-def values(sample: Sample, k: Float[Array, "k"], steps: Steps, block: int) -> Float[Array, "k"]:
+def values(sample: Sample, k: Float[Array, "k"], closing: Closing, steps: Steps, block: int) -> Float[Array, "k"]:
     """`scattered_often` at many frequencies, a block of them at a time.
 
     The derivative is taken in reverse, once for each frequency, whatever the number of directions asked for afterwards.
@@ -160,11 +171,11 @@ def values(sample: Sample, k: Float[Array, "k"], steps: Steps, block: int) -> Fl
     leaves, structure = jax.tree.flatten(numbers)
     others, rest = jax.tree.flatten(fixed)  # constants: no derivative is asked of them, but they may be traced
 
-    def at(leaves: list[Array], others: list[Array], k: Float[Array, ""]) -> Float[Array, ""]:
-        return scattered_often(eqx.combine(jax.tree.unflatten(structure, leaves), jax.tree.unflatten(rest, others)), k, steps)
+    def at(leaves: list[Array], others: list[Array], k: tuple[Float[Array, ""], Closing]) -> Float[Array, ""]:
+        return scattered_often(eqx.combine(jax.tree.unflatten(structure, leaves), jax.tree.unflatten(rest, others)), *k, steps)
 
     @jax.custom_jvp
-    def evaluate(leaves: list[Array], others: list[Array], k: Float[Array, "k"]) -> Float[Array, "k"]:
+    def evaluate(leaves: list[Array], others: list[Array], k: tuple[Float[Array, "k"], Closing]) -> Float[Array, "k"]:
         return jax.lax.map(lambda k: at(leaves, others, k), k, batch_size=block)
 
     @evaluate.defjvp
@@ -174,4 +185,4 @@ def values(sample: Sample, k: Float[Array, "k"], steps: Steps, block: int) -> Fl
         change = [jnp.tensordot(g, t, np.ndim(t)) for g, t in zip(gradient, tangents[0], strict=True)]
         return value, sum(change, jnp.zeros_like(value))
 
-    return evaluate(leaves, others, jax.lax.stop_gradient(k))
+    return evaluate(leaves, others, jax.lax.stop_gradient((k, Closing(*map(jnp.asarray, closing)))))

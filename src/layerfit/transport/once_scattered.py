@@ -19,7 +19,7 @@ from ..arrays import AnyArray
 from ..optics.phase import henyey_greenstein, legendre_series
 from ..scene.columns import Columns
 from .discrete_ordinates_interface import fresnel_shares
-from .frequency_layer import Sheet, azimuth_modes
+from .frequency_layer import Sheet
 from .ordinate_stack import Grid, Layout, Medium
 
 
@@ -27,7 +27,7 @@ class Path(eqx.Module):
     """What happens to the beam and to once-scattered light, by layer and direction of exit.
 
     strength : light scattered per depth in each layer into each direction, as it will leave, attenuation left out [1/mm]. out, beam : attenuation of
-    the two [1/mm]. tangent : of the direction. thickness : [mm]. modes, shares : of the azimuths, see `frequency_layer.azimuth_modes`.
+    the two [1/mm]. tangent : of the direction. thickness : [mm].
     """
 
     strength: Float[AnyArray, "layers d"]
@@ -35,21 +35,17 @@ class Path(eqx.Module):
     beam: Float[AnyArray, "layers"]
     tangent: Float[AnyArray, "layers d"]
     thickness: Float[AnyArray, "finite"]
-    modes: np.ndarray
-    shares: np.ndarray
     above: bool = eqx.field(static=True)
 
 
-def ordinate_path(
-    columns: Columns, grid: Grid, numbers: Medium, sheets: tuple[Sheet, ...], collected: Float[Array, "n"], orders: int, above: bool
-) -> Path:
+def ordinate_path(columns: Columns, grid: Grid, numbers: Medium, sheets: tuple[Sheet, ...], collected: Float[Array, "n"], above: bool) -> Path:
     """What the ordinates make of it: their own phase function, their own few orders."""
     n = collected.shape[0]
     fed = jnp.stack([0.5 * (sheet.q - sheet.p if above else sheet.q + sheet.p) for sheet in sheets])
-    return _path(columns, numbers, grid.mu[:, :n], grid.real[:, :n], grid.rule.n, fed * collected, azimuth_modes(orders), above)
+    return _path(columns, numbers, grid.mu[:, :n], grid.real[:, :n], grid.rule.n, fed * collected, above)
 
 
-def exact_path(columns: Columns, numbers: Medium, layout: Layout, na: float | None, above: bool, directions: int, azimuths: int) -> Path:
+def exact_path(columns: Columns, numbers: Medium, layout: Layout, na: float | None, above: bool, directions: int) -> Path:
     """A fine rule over the directions of exit, with the exact phase function."""
     u, w = np.polynomial.legendre.leggauss(directions)
     angle = 0.25 * np.pi * (u + 1.0)
@@ -69,11 +65,15 @@ def exact_path(columns: Columns, numbers: Medium, layout: Layout, na: float | No
         phase = henyey_greenstein(cosine, columns.g[i]) if table is None else legendre_series(cosine, np.array(table))
         scattering = columns.sigma_s_prime[i] / (1.0 - columns.g[i])
         strength.append(0.5 * scattering * phase * p * dp / (columns.n[i] ** 2 * mu[i + 1]))
-    modes = 1j * np.cos((np.arange(azimuths) + 0.5) * np.pi / azimuths)
-    return _path(columns, numbers, mu, real, n, jnp.stack(strength), (modes, np.full(azimuths, 1.0 / azimuths)), above)
+    return _path(columns, numbers, mu, real, n, jnp.stack(strength), above)
 
 
-def _path(columns: Columns, numbers: Medium, mu, real, n, strength, azimuths: tuple[np.ndarray, np.ndarray], above: bool) -> Path:
+def even_azimuths(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Cosines of azimuths, times i, with their weights."""
+    return 1j * np.cos((np.arange(count) + 0.5) * np.pi / count), np.full(count, 1.0 / count)
+
+
+def _path(columns: Columns, numbers: Medium, mu, real, n, strength, above: bool) -> Path:
     """With the faces on the way: the beam's to the layer, the light's from it."""
     count = columns.count
     one = jnp.ones(1)
@@ -93,7 +93,7 @@ def _path(columns: Columns, numbers: Medium, mu, real, n, strength, azimuths: tu
     inside = slice(1, count + 1)
     tangent = jnp.where(real[inside], jnp.sqrt(jnp.maximum(1.0 - mu[inside] ** 2, 0.0)) / mu[inside], 0.0)
     sigma = numbers.extinction
-    return Path(jnp.stack(rows), sigma[:, None] / mu[inside], sigma, tangent, columns.thickness, *azimuths, above)
+    return Path(jnp.stack(rows), sigma[:, None] / mu[inside], sigma, tangent, columns.thickness, above)
 
 
 def _ahead(path: Path) -> list[tuple[int, list[int]]]:
@@ -102,9 +102,9 @@ def _ahead(path: Path) -> list[tuple[int, list[int]]]:
     return [(i, list(range(i)) if path.above else list(range(i + 1, count))) for i in range(count)]
 
 
-def spectrum(path: Path, k: Float[Array, ""]) -> Float[Array, ""]:
-    """At spatial frequency k."""
-    wave = k * path.tangent[:, :, None] * path.modes  # layers, directions, azimuths
+def spectrum(path: Path, k: Float[Array, ""], modes: AnyArray, shares: AnyArray) -> Float[Array, ""]:
+    """At spatial frequency k. modes, shares : of azimuths, for all directions or each."""
+    wave = k * path.tangent[:, :, None] * modes  # layers, directions, azimuths
     finite = path.thickness.shape[0]
     total = jnp.zeros(())
     entered = jnp.zeros(())
@@ -120,7 +120,7 @@ def spectrum(path: Path, k: Float[Array, ""]) -> Float[Array, ""]:
             along = jnp.where(small, t * jnp.exp(-ends[0] * t) * (1.0 - 0.5 * rate * t), between)
         else:
             along = 1.0 / (path.beam[i] + out)
-        total = total + path.strength[i] @ ((along * jnp.exp(-lost)) @ path.shares).real
+        total = total + path.strength[i] @ jnp.sum(along * jnp.exp(-lost) * shares, axis=-1).real
         if i < finite:
             entered = entered + path.beam[i] * path.thickness[i]
     return total

@@ -22,11 +22,11 @@ from ..optics.quadrature import collected_share
 from ..scene.columns import Columns
 from ..solver import Domain, Evaluation, Forward
 from .fineness import Fineness, scales
-from .frequency_layer import deep_steps
-from .frequency_response import Sample, Steps, make_sheets, unscattered, values
+from .frequency_layer import azimuth_modes, deep_steps
+from .frequency_response import Closing, Sample, Steps, make_sheets, unscattered, values
 from .layered_diffusion import LayeredDiffusion
 from .matrix import Matrix
-from .once_scattered import exact_path, ordinate_path, profile, spectrum
+from .once_scattered import even_azimuths, exact_path, ordinate_path, profile, spectrum
 from .ordinate_stack import Grid, Layout, make_faces, make_grid, medium, middle
 from .response import Response
 from .spectral import Functional, aperture, functional
@@ -56,6 +56,7 @@ class ProfilePlan(eqx.Module):
     layout: Layout
     steps: Steps = eqx.field(static=True)
     points: Float[AnyArray, "points"]
+    closing: Closing
     from_points: Float[AnyArray, "..."]
     from_half: Float[AnyArray, "..."]
     functional: Functional
@@ -78,15 +79,56 @@ def plan_profile(domain: Domain, geometry: Geometry, shift: tuple[float, float],
     if isinstance(geometry, Radial):
         points = chebyshev_frequencies(count, scale)
         rule = functional(geometry, shift, _span(domain, baseline, scale))
-        from_points = rule.weights @ interpolation(count, scale, rule.k)
-        from_half = rule.weights @ interpolation(count // 2, scale, rule.k)
+        kept = _smoothing(geometry, shift, mean, points) if fineness.along else np.ones((geometry.size, count))
+        from_points = rule.weights @ interpolation(count, scale, rule.k) * kept
+        from_half = rule.weights @ interpolation(count // 2, scale, rule.k) * kept[:, ::2]
         rings = _rings(rule)
     else:
         rule = functional(geometry, shift, None)
         points, baseline, rings = np.maximum(rule.k, 1e-6 * scale), None, None
         from_points = from_half = rule.weights
     steps = _steps(domain, optics[0], float(points[-1]))
-    return ProfilePlan(geometry, layout, steps, points, from_points, from_half, rule, baseline, rings, optics if domain.fixed_optics else None)
+    closing = _closing(layout, optics[0], mean, points, fineness.along)
+    return ProfilePlan(
+        geometry, layout, steps, points, closing, from_points, from_half, rule, baseline, rings, optics if domain.fixed_optics else None
+    )
+
+
+_SMOOTHED, _LARGEST = 1.0 / 12.0, 0.2  # width of the smoothing: share of the distance, at most so many transport mean free paths
+
+
+def _smoothing(geometry: Radial, shift: tuple[float, float], columns: Columns, points: np.ndarray) -> np.ndarray:
+    """Share of each frequency in each value: (values, points).
+
+    A few directions in a slab are a few cones of light, rings at its faces that are not there in truth; they ripple at frequencies that light
+    scattered more than once hardly has. The window is flat up to its sixth power: what is smooth over the width stays.
+    """
+    extent = geometry.detector.radius + 2.0 * float(getattr(geometry.source, "radius", 0.0))
+    r = np.abs(next(iter(geometry.places().values()))) + min(shift[0], 0.0) - extent
+    width = np.minimum(_SMOOTHED * np.maximum(r, 0.0), _LARGEST / float(np.max(np.asarray(columns.sigma_t_prime))))
+    x = (width[:, None] * points) ** 2
+    return np.exp(-x) * (1.0 + x + 0.5 * x**2)
+
+
+_ENDLESS = 0.7
+
+
+def _closing(layout: Layout, grid: Grid, columns: Columns, points: np.ndarray, along: bool) -> Closing:
+    """What the last azimuthal order hands on (see `frequency_layer.coupling`), for directions in a sample like this one.
+
+    Light that runs along a slab keeps to rho = sqrt(1 + x^2) - x, x = 1/(k sin(theta)) in mean free paths of isotropic scattering; in a half space
+    one share does as well and leaves a smoother spectrum.
+    """
+    n = grid.root.shape[1]
+    share = np.full((points.size, n), _ENDLESS)
+    if along:
+        row = slice(1, columns.count + 1)
+        mu, real = np.asarray(grid.mu)[row, :n], np.asarray(grid.real)[row, :n]
+        sine = np.sqrt(1.0 - np.where(real, mu, 0.5) ** 2)
+        least = np.min(np.where(real, np.asarray(columns.sigma_t_prime)[:, None] / sine, np.inf), axis=0)
+        x = least / points[:, None]
+        share = np.sqrt(1.0 + x**2) - x
+    return Closing(share, *azimuth_modes(layout.orders, share))
 
 
 def _scale(columns: Columns) -> float:
@@ -176,10 +218,10 @@ def _values(plan: ProfilePlan, columns: Columns, shift: Float[Array, ""] | None)
     sheets = make_sheets(columns, grid, numbers, layout)
     out = grid.root[0 if plan.above else -1]
     collected = out if na is None else out * collected_share(grid.rule, layout.counts, 0 if plan.above else -1, na)
-    path = ordinate_path(columns, grid, numbers, sheets, collected, layout.orders, plan.above)
+    path = ordinate_path(columns, grid, numbers, sheets, collected, plan.above)
     sample = Sample(sheets, faces, collected, path, columns.half_space, plan.above)
     points = jnp.asarray(plan.points)
-    lacking = values(sample, points, plan.steps, min(_BLOCK, points.size))
+    lacking = values(sample, points, plan.closing, plan.steps, min(_BLOCK, points.size))
     smooth = 0.0
     if plan.baseline is not None:
         k = jnp.concatenate([points, jnp.asarray(plan.functional.k)])
@@ -187,11 +229,11 @@ def _values(plan: ProfilePlan, columns: Columns, shift: Float[Array, ""] | None)
         lacking = lacking - diffuse[: points.size]
         smooth = plan.functional.weights @ diffuse[points.size :]
     if plan.rings is not None:
-        exact = exact_path(columns, numbers, layout, na, plan.above, _DIRECTIONS, 1)
+        exact = exact_path(columns, numbers, layout, na, plan.above, _DIRECTIONS)
         once = plan.rings.weights @ profile(exact, plan.rings.low, plan.rings.high)
     else:
-        exact = exact_path(columns, numbers, layout, na, plan.above, _AZIMUTHS, _AZIMUTHS)
-        once = jax.vmap(lambda k: spectrum(exact, k))(points)
+        exact = exact_path(columns, numbers, layout, na, plan.above, _AZIMUTHS)
+        once = jax.vmap(lambda k: spectrum(exact, k, *even_azimuths(_AZIMUTHS)))(points)
     rest = smooth + once + plan.functional.direct * unscattered(sample)
     half = lacking[..., ::2] if plan.rings is not None else lacking
     return plan.functional.at(shift, plan.from_points @ lacking + rest), plan.functional.at(shift, plan.from_half @ half + rest)
