@@ -32,10 +32,11 @@ def fineness(
     low, high = domain.low, domain.high
     depth = np.asarray(low.thickness * low.sigma_t_prime[: low.thickness.shape[0]])
     thin, slab = bool(np.any(depth < _THIN)), not low.half_space and float(np.sum(depth)) < _SLAB
-    dense, clear = scales(middle(domain))
-    wide = dense > _WIDE * clear
-    guiding = thin and dense > _WIDE * float(np.min(np.asarray(low.sigma_t_prime)))  # light runs far in a thin clear layer over a dense one
     mean = middle(domain)
+    dense, clear = scales(mean)
+    wide = dense > _WIDE * clear
+    usual = np.asarray(mean.thickness * mean.sigma_t_prime[: mean.thickness.shape[0]])
+    guiding = bool(np.any(usual < _THIN)) and dense > _WIDE * float(np.min(np.asarray(mean.sigma_t_prime)))  # light runs far in a thin clear layer
     far, absorbing = dense > _FAR * clear, float(np.min(np.asarray(mean.sigma_a / mean.sigma_t_prime))) > _ABSORBING
     forward = float(np.max(np.asarray(high.g))) > _FORWARD
     if slab:
