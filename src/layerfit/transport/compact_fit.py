@@ -125,7 +125,7 @@ class _Matrices:
 
     def __call__(self, stack: Stack) -> ReciprocalMatrices:
         columns = to_columns(stack, rough_faces=self.rough)
-        return assemble(self.shape, columns, *(self.optics or optics(self.shape, columns)))
+        return assemble(self.shape, columns, *(self.optics or optics(self.shape, columns)), peaks=False)
 
 
 def _fit(stack: Stack, grid: tuple[Axis, ...], domain: Domain, shape: Shape, rough: tuple[bool, ...], angles: tuple[Angles, Angles]) -> CompactForm:

@@ -18,9 +18,10 @@ from ..scene.stack import Stack
 from ..solver import Domain
 from .discrete_ordinates import DiscreteOrdinates, enough_orders, enough_streams, tables_of
 from .matrix import Matrix
-from .ordinate_stack import Grid, Layout, lay_out, make_faces, make_grid, media, medium, pieces
+from .ordinate_stack import Grid, Layout, Medium, lay_out, make_faces, make_grid, media, medium, pieces
 from .regular import SIDES, Face, regular
 from .response import Response, compose_all, reflection
+from .single_scattering import corner, pairs
 
 _AZIMUTHS = 256  # for the azimuthal orders of a rough surface
 _MOVES = 1e-9  # relative width of the domain given to a refractive index that is traced
@@ -41,6 +42,9 @@ class ReciprocalMatrices(eqx.Module):
     regular_surface_above, regular_surface_below : share of a beam at each ordinate that the first face mirrors; regular_above, regular_below : that
         comes back as a beam from deeper faces; regular_down, regular_up : that passes as a beam. delta-M counts light scattered into the forward
         peak that the rule cannot resolve as not scattered.
+    share_above, share_below, share_down, share_up : share of a beam at each ordinate that comes back scattered by the sample, or is transmitted
+        scattered: of the rule, which conserves energy. Sums over the matrices, in which light scattered once is exact direction by direction, only
+        come near.
     """
 
     mu_above: Float[Array, "a"]
@@ -61,6 +65,10 @@ class ReciprocalMatrices(eqx.Module):
     regular_below: Float[Array, "b"]
     regular_down: Float[Array, "a"]
     regular_up: Float[Array, "b"]
+    share_above: Float[Array, "a"]
+    share_below: Float[Array, "b"]
+    share_down: Float[Array, "a"]
+    share_up: Float[Array, "b"]
 
     @property
     def orders(self) -> int:
@@ -95,15 +103,15 @@ class ReciprocalMatrices(eqx.Module):
             if side == "above"
             else (self.surface_below, self.regular_surface_below, self.regular_below)
         )
-        R = self.R_above if side == "above" else self.R_below
-        return self._hemispherical(R + first, side) + mirrored + beam if surface else self._hemispherical(R, side) + beam
+        scattered = self.share_above if side == "above" else self.share_below
+        return self._hemispherical(first, side) + scattered + mirrored + beam if surface else scattered + beam
 
     def transmittance(self, *, side: Face = "above") -> Float[Array, "i"]:
         """Share of a beam at each ordinate of ``side`` that is transmitted in all directions, beams included."""
         one_of(side, SIDES, "side")
         if side == "above":
-            return self._hemispherical(self.T_down, "below") + self.regular_down
-        return self._hemispherical(self.T_up, "above") + self.regular_up
+            return self.share_down + self.regular_down
+        return self.share_up + self.regular_up
 
     def diffuse(self, shares: Float[Array, "i"], *, side: Face = "above") -> Float[Array, ""]:
         """The mean of shares at the ordinates of ``side`` for Lambertian light."""
@@ -113,7 +121,12 @@ class ReciprocalMatrices(eqx.Module):
 
     def _hemispherical(self, kernel: Float[Array, "k o i"], out: Face) -> Float[Array, "i"]:
         mu, weight = (self.mu_above, self.weight_above) if out == "above" else (self.mu_below, self.weight_below)
-        return 2.0 * jnp.pi * (weight * mu) @ kernel[0]
+        return _hemispherical(kernel, weight * mu)
+
+
+def _hemispherical(kernel: Float[Array, "k o i"], weight: Float[Array, "o"]) -> Float[Array, "i"]:
+    """weight : of each direction in projected solid angle over 2 pi."""
+    return 2.0 * jnp.pi * weight @ kernel[0]
 
 
 def _series(kernel: Float[Array, "k o i"], azimuth: Any) -> Float[Array, "..."]:
@@ -125,10 +138,10 @@ def reciprocal_matrices(
 ) -> ReciprocalMatrices:
     """All R_k and T_k of a stack with its faces.
 
-    The matrices of Stam's algorithm for any number of layers: as the rule gives them, without the correction of once-scattered light that
-    predicted radiances have (above g 0.8 the difference is seen; totals need none). Behind rough faces transmitted light that was hardly scattered
-    scatters about the truth at single ordinates, within 3 degrees of grazing by up to a fifth; sums over ordinates do not, nor do the radiances of
-    `predict`. What a rough surface itself scatters back is exact at each ordinate for one facet.
+    The matrices of Stam's algorithm for any number of layers. Light scattered once between smooth faces is exact at each pair of ordinates, as far
+    as the azimuthal orders go, like in predicted radiances; the shares that stay beams are those of delta-M. Behind rough faces transmitted light
+    that was hardly scattered scatters about the truth at single ordinates, within 3 degrees of grazing by up to a fifth; sums over ordinates do not,
+    nor do the radiances of `predict`. What a rough surface itself scatters back is exact at each ordinate for one facet.
 
     Arguments
     ---------
@@ -149,6 +162,7 @@ def reciprocal_matrices(
     References
     ----------
     J. Stam, Proc. Eurographics Workshop on Rendering, 39 (2001), sections 3 and 5.
+    T. Nakajima, M. Tanaka, J. Quant. Spectrosc. Radiat. Transfer 40, 51 (1988), eq 22.
     """
     solver = DiscreteOrdinates() if solver is None else solver
     known = stack if like is None else like
@@ -220,8 +234,8 @@ def optics(shape: Shape, columns: Columns) -> tuple[Grid, tuple[Response[Matrix]
 
 
 @eqx.filter_jit
-def assemble(shape: Shape, columns: Columns, grid: Grid, faces: tuple[Response[Matrix], ...]) -> ReciprocalMatrices:
-    """The matrices of one stack."""
+def assemble(shape: Shape, columns: Columns, grid: Grid, faces: tuple[Response[Matrix], ...], *, peaks: bool = True) -> ReciprocalMatrices:
+    """The matrices of one stack. peaks : whether light transmitted after one scattering has its exact forward peak."""
     layout, a, b = shape.layout, shape.above, shape.below
     numbers = medium(layout, columns)
     parts = pieces(layout, columns, numbers, grid, faces, 0)
@@ -232,6 +246,7 @@ def assemble(shape: Shape, columns: Columns, grid: Grid, faces: tuple[Response[M
     else:
         whole, last = compose_all(parts), parts[-1].R_below
     count = max(a, b)
+    lacking = _lacking(layout, columns, numbers, grid, faces, peaks)
     beams = regular(columns, numbers.tau, grid.rule.n, grid.mu[:, :count], grid.real[:, :count])
     n2 = (columns.n_above**2, columns.n_below**2)
     mu, root = (grid.mu[0][:a], grid.mu[-1][:b]), (grid.root[0][:a], grid.root[-1][:b])
@@ -244,6 +259,17 @@ def assemble(shape: Shape, columns: Columns, grid: Grid, faces: tuple[Response[M
         scattered = operator.value[:, :rows, :size] - jnp.eye(rows, size) * direct[:size]
         return n2[out] * share[:, None, None] * scattered / (root[out][:, None] * root[into])
 
+    scattered = (
+        kernel(whole.R_above - first, beams.above, 0, 0),
+        kernel(whole.R_below - last, beams.below, 1, 1),
+        kernel(whole.T_down, beams.down, 1, 0),
+        kernel(whole.T_up, beams.up, 0, 1),
+    )
+    shares = [_hemispherical(k, weight[out] * mu[out]) for k, out in zip(scattered, (0, 1, 1, 0), strict=True)]
+    if lacking is not None:
+        ends = ((lacking.R_above, 0, 0), (lacking.R_below, 1, 1), (lacking.T_down, 1, 0), (lacking.T_up, 0, 1))
+        none = jnp.zeros(count)
+        scattered = [k + kernel(Matrix(corner(more)), none, out, into) for k, (more, out, into) in zip(scattered, ends, strict=True)]
     surfaces = [kernel(first, beams.surface_above, 0, 0), kernel(last, beams.surface_below, 1, 1)]
     indices = (columns.n_above / columns.n[0], columns.n_below / columns.n[-1])
     for side, face in ((0, 0), (1, -1)):
@@ -257,10 +283,10 @@ def assemble(shape: Shape, columns: Columns, grid: Grid, faces: tuple[Response[M
         weight_below=weight[1],
         n_above=columns.n_above,
         n_below=columns.n_below,
-        R_above=kernel(whole.R_above - first, beams.above, 0, 0),
-        R_below=kernel(whole.R_below - last, beams.below, 1, 1),
-        T_down=kernel(whole.T_down, beams.down, 1, 0),
-        T_up=kernel(whole.T_up, beams.up, 0, 1),
+        R_above=scattered[0],
+        R_below=scattered[1],
+        T_down=scattered[2],
+        T_up=scattered[3],
         surface_above=surfaces[0],
         surface_below=surfaces[1],
         regular_surface_above=beams.surface_above[:a],
@@ -269,7 +295,25 @@ def assemble(shape: Shape, columns: Columns, grid: Grid, faces: tuple[Response[M
         regular_below=beams.below[:b],
         regular_down=beams.down[:a],
         regular_up=beams.up[:b],
+        share_above=shares[0],
+        share_below=shares[1],
+        share_down=shares[2],
+        share_up=shares[3],
     )
+
+
+def _lacking(
+    layout: Layout, columns: Columns, numbers: Medium, grid: Grid, faces: tuple[Response[Matrix], ...], peaks: bool
+) -> Response[Matrix] | None:
+    """What the operators lack of light scattered once; None where rough faces let no beam in."""
+    if not columns.smooth[0] and (columns.half_space or not columns.smooth[-1]):
+        return None
+    parts = pairs(layout, columns, numbers, grid, faces)
+    if columns.half_space:
+        up = reflection(parts)
+        return Response(up, *[up.zero()] * 3)
+    whole = compose_all(parts)
+    return whole if peaks else Response(whole.R_above, whole.R_below, whole.T_down.zero(), whole.T_up.zero())
 
 
 def _surface(

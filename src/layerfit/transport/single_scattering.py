@@ -60,25 +60,87 @@ def _layer(
     factor = np.where(order == 0, 1.0, 2.0) * np.cos(order * (azimuth or 0.0))
     missing = []
     for sign in (1.0, -1.0):  # the same hemisphere, the other
-        cosine = sign * along[:, None] + across[:, None] * np.cos(phi)
-        table = layout.tables[i]
-        exact = henyey_greenstein(cosine, columns.g[i]) if table is None else legendre_series(cosine, np.array(table))
+        exact = _phase(layout, columns, i, sign * along[:, None] + across[:, None] * np.cos(phi))
         expanded = jnp.tensordot(factor, kernel.even_corner[:, :, 0] + sign * kernel.odd_corner[:, :, 0], 1)
         missing.append(jnp.mean(exact, axis=1) / (1.0 - numbers.forward[i]) - expanded)
     strength = 0.5 * numbers.albedo[i] * directions.weight[n:-1] * directions.weight[-1] / (2.0 * np.pi)
-    rate_v, rate_b = 1.0 / mu_v, 1.0 / mu_b
-    total = rate_v + rate_b
-    if i < columns.thickness.shape[0]:
-        tau = numbers.tau[i]
-        back = tau * expc(tau * total)
-        through = tau * jnp.exp(-tau * jnp.minimum(rate_v, rate_b)) * expc(tau * jnp.abs(rate_v - rate_b))
-        passing = jnp.exp(-tau * jnp.concatenate([rate_v, rate_b[None]]))
-    else:
-        back, through, passing = 1.0 / total, jnp.zeros_like(total), jnp.zeros(mu_v.size + 1)
-    R = _corner(strength * missing[1] * back, jnp.zeros_like(passing))
-    T = _corner(strength * missing[0] * through, passing)
+    back, through, passing = _depths(jnp.append(1.0 / mu_v, 1.0 / mu_b), numbers, i, slice(0, -1), slice(-1, None))
+    R = _corner(strength * missing[1] * back[:, 0], jnp.zeros_like(passing))
+    T = _corner(strength * missing[0] * through[:, 0], passing)
     return Response(R, R, T, T)
 
 
 def _corner(corner: Float[Array, "v"], diagonal: Float[Array, "e"]) -> Matrix:
     return Matrix(jnp.diag(diagonal).at[:-1, -1].set(corner))
+
+
+def _phase(layout: Layout, columns: Columns, i: int, cosine: Array) -> Array:
+    """The exact phase function of a layer, of mean 1."""
+    table = layout.tables[i]
+    return henyey_greenstein(cosine, columns.g[i]) if table is None else legendre_series(cosine, np.array(table))
+
+
+def _depths(rate: Float[Array, "d"], numbers: Medium, i: int, views: slice, beams: slice) -> tuple[Array, Array, Array]:
+    """Integrals over the depth of the scattering, for what leaves where the beam came in and where it goes out: (views, beams). Then what passes.
+
+    rate : 1/cosine of all directions.
+    """
+    rate_v, rate_b = rate[views, None], rate[None, beams]
+    total = rate_v + rate_b
+    if i >= numbers.tau.shape[0]:
+        return 1.0 / total, jnp.zeros_like(total), jnp.zeros_like(rate)
+    tau = numbers.tau[i]
+    through = tau * jnp.exp(-tau * jnp.minimum(rate_v, rate_b)) * expc(tau * jnp.abs(rate_v - rate_b))
+    return tau * expc(tau * total), through, jnp.exp(-tau * rate)
+
+
+_ROUND = 512  # azimuths from 0 to pi for the orders of a phase function: g to 0.98
+
+
+def pairs(layout: Layout, columns: Columns, numbers: Medium, grid: Grid, faces: tuple[Response[Matrix], ...]) -> list[Response[Matrix]]:
+    """Pieces from top to bottom over ordinates as lines of sight and once more as beams, by azimuthal order; their corner, composed, is what the
+    operators of the stack lack between ordinates (see `corner`)."""
+    result = []
+    for i in range(columns.count):
+        result += [_twice(faces[i], columns.smooth[i]), _between(layout, columns, numbers, grid, i)]
+    return result + ([] if columns.half_space else [_twice(faces[-1], columns.smooth[-1])])
+
+
+def corner(operator: Matrix) -> Float[Array, "orders n n"]:
+    """From ordinates as beams to ordinates as lines of sight."""
+    n = operator.value.shape[-1] // 2
+    return operator.value[:, :n, n:]
+
+
+def _twice(face: Response[Matrix], smooth: bool) -> Response[Matrix]:
+    """An interface; a rough one lets no beam through."""
+
+    def one(x: Float[Array, "orders n n"]) -> Float[Array, "orders n2 n2"]:
+        shares = jnp.diagonal(x, axis1=1, axis2=2) * float(smooth)
+        return jnp.eye(2 * x.shape[1]) * jnp.concatenate([shares, shares], axis=1)[:, None, :]
+
+    return jax.tree.map(one, face)
+
+
+def _between(layout: Layout, columns: Columns, numbers: Medium, grid: Grid, i: int) -> Response[Matrix]:
+    n = grid.root.shape[1]
+    directions = Directions(grid.mu[i + 1][:n], grid.weight[i + 1][:n], grid.root[i + 1])
+    order = np.arange(layout.orders)
+    kernel = jax.vmap(lambda rows, m: scattering(numbers.moments[i], rows, directions, m, 0))(grid.legendre[i][:, :, :n], order.astype(float))
+    mu, phi = directions.mu, np.pi * (np.arange(_ROUND) + 0.5) / _ROUND
+    along, across = mu[:, None] * mu, jnp.sqrt((1.0 - mu[:, None] ** 2) * (1.0 - mu**2) + 1e-300)
+    cosines = np.cos(phi[:, None] * order) / _ROUND
+    strength = 0.5 * numbers.albedo[i] * directions.weight[:, None] * directions.weight
+    back, through, passing = _depths(1.0 / mu, numbers, i, slice(None), slice(None))
+
+    def lacking(sign: float, depth: Float[Array, "n n"]) -> Float[Array, "orders n n"]:
+        exact = _phase(layout, columns, i, sign * along[..., None] + across[..., None] * np.cos(phi)) @ cosines
+        return strength * depth * (jnp.moveaxis(exact, -1, 0) / (1.0 - numbers.forward[i]) - kernel.even - sign * kernel.odd)
+
+    def whole(corner: Float[Array, "orders n n"], diagonal: Float[Array, "n"]) -> Matrix:
+        straight = jnp.broadcast_to(jnp.diag(diagonal), corner.shape)
+        upper = jnp.concatenate([straight, corner], axis=2)
+        return Matrix(jnp.concatenate([upper, jnp.concatenate([jnp.zeros_like(corner), straight], axis=2)], axis=1))
+
+    R, T = whole(lacking(-1.0, back), jnp.zeros(n)), whole(lacking(1.0, through), passing)
+    return Response(R, R, T, T)
