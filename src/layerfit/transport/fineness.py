@@ -42,7 +42,7 @@ def fineness(
     if slab:
         enough, most, count = (40 if forward else 32) if thin else 24, 6 if forward else 5, 64
     elif guiding:
-        enough, most, count = 56, 5, 48
+        enough, most, count = 40 if low.half_space else 56, 5, 48
     elif wide and not low.half_space:
         enough, most, count = 32, 5, 64
     else:
