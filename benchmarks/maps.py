@@ -155,7 +155,7 @@ def workers() -> list[dict]:
     rows = []
     for count in (1, 2):
         with _client(count) as client:
-            lf.fit_map(stated, image.isel(y=slice(0, 32)), limits=LIMITS, block=1024)
+            lf.fit_map(stated, image.isel(y=slice(0, 64)), limits=LIMITS, block=1024)  # every worker meets every shape
             began = time.perf_counter()
             maps = lf.fit_map(stated, image, limits=LIMITS, block=1024)
             seconds = time.perf_counter() - began
