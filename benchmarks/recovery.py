@@ -45,7 +45,6 @@ def profile(case):
 def main():
     words = sys.argv[1:]
     stored = FOLDER / "recovery.json"
-    pages = json.loads(stored.read_text()) if stored.exists() else {}
     for name in CASES:
         if words and not any(word in name for word in words):
             continue
@@ -79,6 +78,7 @@ def main():
         lines = [f"## {name}", "", "| number | truth | " + " | ".join(heads) + " |", "|---" * (len(heads) + 2) + "|"]
         lines += [f"| {key} | " + " | ".join(cells) + " |" for key, cells in table.items()]
         lines += ["| inside 2 sd | | " + " | ".join(inside) + " |", "| reduced chi-square | | " + " | ".join(chi2) + " |", ""]
+        pages = json.loads(stored.read_text()) if stored.exists() else {}
         pages[name] = {"rows": rows, "lines": lines}
         record("recovery", pages)
         page = ["# Recovery", "", *__doc__.strip().split("\n\n")[2].splitlines(), "", "Made by `python benchmarks/recovery.py`.", ""]
