@@ -78,8 +78,7 @@ class CompactForm(eqx.Module):
     It holds what the matrices of `reciprocal_matrices` hold: the subsurface reflection and the transmission that are not beams, in a few azimuthal
     orders; light scattered once is exact in reflection, and without its forward peak in transmission (beams include what delta-M counts as not
     scattered). Beams and what the first face reflects are not fitted: they are computed exactly, but for the hemispherical total of a rough first
-    face, which is. Reciprocity is exact: the
-    coefficients of reflection are symmetric, and transmission up is transmission down transposed.
+    face, which is. Reciprocity is exact: the coefficients of reflection are symmetric, and transmission up is transmission down transposed.
 
     ``free`` in its methods: a value for each free number, by name; scalars. All methods can be compiled, mapped and differentiated. Values outside
     the range of the form raise InputError where they are known, and give NaN where they are traced. So do cosines outside 0 to 1.
