@@ -15,6 +15,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from .compilation import compiled
 from .errors import InputError
 from .measurement.geometry import Geometry
 from .scene.columns import Columns
@@ -45,7 +46,7 @@ class Evaluation(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
-_compiled = eqx.filter_jit(lambda forward, columns: forward(columns))
+_compiled = compiled(lambda forward, columns: forward(columns))
 
 
 class Forward(eqx.Module):

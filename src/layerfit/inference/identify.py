@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..arrays import AnyArray
+from ..compilation import QUICK
 from ..errors import InputError
 from ..measurement.dataset import Dataset, Noise
 from ..measurement.geometry import Angular, Geometry, Radial, RadialReflectance, SpatialFrequency, TotalReflectance, TotalTransmittance
@@ -19,7 +20,7 @@ from ..scene.stack import Stack
 from ..solver import Solver
 from ..transport.auto import Auto
 from .design import Step, greedy
-from .least_squares import OPTIONS, value_and_jacobian
+from .least_squares import value_and_jacobian
 from .parameters import FreeParameter, free_parameters
 from .problem import Problem
 from .uncertainty import UNDETERMINED, correlation, linear_covariance, natural_scales, open_directions, verdicts
@@ -217,7 +218,7 @@ def _slopes_of(problem: Problem, x: Float[AnyArray, "p"]) -> tuple[Any, Any]:
     return value_and_jacobian(lambda x: jnp.concatenate(problem.model.predict(x)), jnp.asarray(x))
 
 
-_slopes: Callable[..., tuple[Any, Any]] = eqx.filter_jit(_slopes_of, **OPTIONS)
+_slopes: Callable[..., tuple[Any, Any]] = eqx.filter_jit(_slopes_of, **QUICK)
 
 
 def _assemble(

@@ -13,7 +13,8 @@ from jax import Array
 from jaxtyping import Bool, Float, Int
 
 from ..arrays import AnyArray
-from .least_squares import COARSE, OPTIONS, Descent, LevenbergMarquardt
+from ..compilation import QUICK
+from .least_squares import COARSE, Descent, LevenbergMarquardt
 from .model import Model
 
 # Steps below these no longer matter beside the noise: a gain of 1e-7 of a chi-square of 100 is 0.003 standard errors.
@@ -114,7 +115,7 @@ def _descend_many(
     return Descent(u, x, model.coordinates.physical(rows.u), slope, residual, jacobian, steps, converged)
 
 
-descend_many: Callable[..., Descent] = eqx.filter_jit(_descend_many, **OPTIONS)
+descend_many: Callable[..., Descent] = eqx.filter_jit(_descend_many, **QUICK)
 """Descents from the first `count` rows; the other rows of the result mean nothing.
 
 Each begins at first_stage: 0 on logarithms, then on the data; 1 on the data alone. With linearise (and first_stage 1) only residuals and Jacobians

@@ -18,6 +18,7 @@ from jax import Array
 from jaxtyping import Bool, Float, Int
 
 from ..arrays import AnyArray
+from ..compilation import QUICK
 from .model import Model
 
 _LONGEST = 2.0  # largest step in one coordinate; the logistic map turns over on this scale
@@ -168,7 +169,4 @@ def _descend(model: Model, u: Float[AnyArray, "runs p"], count: Int[AnyArray, ""
     return Descent(end, x, model.coordinates.physical(u), slope, residual, jacobian, steps, converged)
 
 
-# The older of XLA's two code generators, with little optimisation, compiles these many small loops in less than half the time; a fit runs as fast
-# (of transport within a sixth).
-OPTIONS: dict[str, Any] = {"compiler_options": {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}}
-descend: Callable[..., Descent] = eqx.filter_jit(_descend, **OPTIONS)
+descend: Callable[..., Descent] = eqx.filter_jit(_descend, **QUICK)

@@ -14,13 +14,14 @@ from jax import Array
 from jaxtyping import Float, Int
 
 from ..arrays import AnyArray
+from ..compilation import QUICK
 
 LogDensity = Callable[[Float[Array, "p"]], Float[Array, ""]]
 
 _WORTH_IT = 3e-3  # seconds of half a call above which two threads take one half each
 
 
-@partial(jax.jit, static_argnums=0)
+@partial(jax.jit, static_argnums=0, **QUICK)
 def _log_densities(
     rest: tuple[Any, ...], arrays: list[Any], x: Float[AnyArray, "m p"], first: Int[AnyArray, ""], last: Int[AnyArray, ""]
 ) -> Float[Array, "m"]:

@@ -15,6 +15,7 @@ from jax import Array
 from jaxtyping import Float
 
 from ..arrays import AnyArray
+from ..compilation import QUICK
 from ..errors import InputError
 from .chain import Chain
 
@@ -50,9 +51,7 @@ def _potential_and_gradient(log_density: LogDensity, u: Float[AnyArray, "p"]) ->
     return jax.value_and_grad(lambda u: -log_density(u))(u)
 
 
-# used once for each chain: quick to compile is better than quick to run
-_OPTIONS: dict[str, Any] = {"compiler_options": {"xla_cpu_use_fusion_emitters": False}}
-_slope: Callable[..., Any] = eqx.filter_jit(_potential_and_gradient, **_OPTIONS)
+_slope: Callable[..., Any] = eqx.filter_jit(_potential_and_gradient, **QUICK)
 
 
 def _kernel(log_density: LogDensity, u: Any, slope: Any, key: Any) -> tuple[Any, Any]:
@@ -70,13 +69,14 @@ def _kernel(log_density: LogDensity, u: Any, slope: Any, key: Any) -> tuple[Any,
     return first, step
 
 
-@eqx.filter_jit
 def _first(log_density: LogDensity, u: Any, slope: Any, key: Any) -> Any:
     return _kernel(log_density, u, slope, key)[0]
 
 
-@eqx.filter_jit
-def _walk(log_density: LogDensity, state: Any) -> _Block:
+_begin: Callable[..., Any] = eqx.filter_jit(_first, **QUICK)
+
+
+def _walk_block(log_density: LogDensity, state: Any) -> _Block:
     """One block of steps of one chain."""
     _, step = _kernel(log_density, state.z, (state.potential_energy, state.z_grad), state.rng_key)
 
@@ -86,6 +86,9 @@ def _walk(log_density: LogDensity, state: Any) -> _Block:
 
     state, (u, potential, divergent) = jax.lax.scan(body, state, None, length=_BLOCK)
     return _Block(u, potential, divergent, state)
+
+
+_walk: Callable[..., _Block] = eqx.filter_jit(_walk_block, **QUICK)
 
 
 def _pack(states: list[Any]) -> bytes:
@@ -126,7 +129,7 @@ def run_nuts(log_density: LogDensity, physical: Physical, begin: np.ndarray, cha
     chains, p = begin.shape
     if chain.count == 0:
         keys = jax.random.split(jax.random.PRNGKey(seed), chains)
-        states = [_first(log_density, u, _slope(log_density, u), key) for u, key in zip(begin, keys, strict=True)]
+        states = [_begin(log_density, u, _slope(log_density, u), key) for u, key in zip(begin, keys, strict=True)]
     else:
         states = _unpack(chain.state, _like(log_density, p), chains)
     with ThreadPoolExecutor(2) as pool:

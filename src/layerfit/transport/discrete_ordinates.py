@@ -2,27 +2,21 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 from jax.core import Tracer
-from jaxtyping import Float
 
 from ..errors import InputError
-from ..measurement.geometry import Angular, Geometry, Total, TotalReflectance
-from ..scene.columns import Columns
+from ..measurement.geometry import Angular, Geometry, Total
 from ..scene.stack import Stack
-from ..solver import Domain, Evaluation, Forward, Solver
+from ..solver import Domain, Forward, Solver
+from .evenly_lit import evenly_lit_forward
 from .fineness import coarser, fineness
 from .joint import joined
-from .matrix import Matrix
 from .ordinate_profiles import profiles_forward
-from .ordinate_stack import Grid, Layout, beam_sines, coarsened, lay_out, make_faces, make_grid, media, medium, pieces
-from .response import Response, compose_all, reflection
-from .single_scattering import correction
+from .ordinate_stack import Layout, lay_out, media
 from .upper_layers import UpperLayersForward, upper_domain
 
 
@@ -116,16 +110,13 @@ class DiscreteOrdinates(Solver):
 
         def make(sideways: int, chosen: tuple[int, ...]) -> Forward:
             mine = [geometries[j] for j in chosen]
-            return self._sideways(domain, mine, [shifts[j] for j in chosen]) if sideways else self._even(domain, mine)
+            return self._sideways(domain, mine, [shifts[j] for j in chosen]) if sideways else self._evenly_lit(domain, mine)
 
         return joined([0 if isinstance(geometry, Total | Angular) else 1 for geometry in geometries], make)
 
-    def _even(self, domain: Domain, geometries: Sequence[Geometry]) -> Forward:
-        """Evenly lit samples: totals and angles."""
-        layouts = self.layouts(domain, geometries, range(len(domain.stack.layers)))
-        fine = tuple(_plan(domain, *pair) for pair in zip(geometries, layouts, strict=True))
-        coarse = tuple(_plan(domain, geometry, coarsened(layout)) for geometry, layout in zip(geometries, layouts, strict=True))
-        return OrdinatesForward(fine, coarse)
+    def _evenly_lit(self, domain: Domain, geometries: Sequence[Geometry]) -> Forward:
+        """Totals and angles."""
+        return evenly_lit_forward(domain, geometries, self.layouts(domain, geometries, range(len(domain.stack.layers))))
 
     def _sideways(self, domain: Domain, geometries: Sequence[Geometry], shifts: Sequence[tuple[float, float]]) -> Forward:
         """Distances and spatial frequencies."""
@@ -162,58 +153,6 @@ def enough_streams(domain: Domain, angular: bool) -> int:
     return max(streams, min(lobes, _MOST), 48)
 
 
-class _Task(NamedTuple):
-    """A geometry as constants: above or below; cosine of incidence (None: diffuse); first-surface reflection left out; sines of the lines of sight
-    (None: a total); azimuth [rad] (None: averaged)."""
-
-    above: bool
-    cosine: float | None
-    net: bool
-    sines: tuple[float, ...] | None
-    azimuth: float | None
-
-
-def _task(geometry: Total | Angular) -> _Task:
-    return _Task(
-        above=geometry.side == "above",
-        cosine=None if geometry.incidence == "diffuse" else float(geometry.cosines()[0][0]),
-        net=not (isinstance(geometry, TotalReflectance) and geometry.specular == "included"),
-        sines=tuple(np.sin(np.radians(geometry.angle)).tolist()) if isinstance(geometry, Angular) else None,
-        azimuth=float(np.radians(geometry.azimuth)) if isinstance(geometry, Angular) and geometry.azimuth is not None else None,
-    )
-
-
-class _Plan(eqx.Module):
-    """One geometry with all that does not depend on the free numbers of the stack."""
-
-    task: _Task = eqx.field(static=True)
-    layout: Layout
-    optics: tuple[Grid, tuple[Response[Matrix], ...]] | None
-
-    @property
-    def beams(self) -> int:
-        return 0 if self.task.cosine is None else 1
-
-    @property
-    def key(self) -> tuple:
-        """The same for geometries with the same directions."""
-        return (self.layout, self.task.cosine, self.task.sines and (self.task.above, self.task.sines))
-
-    def directions(self, columns: Columns) -> tuple[Float[Array, "v"], Float[Array, "b"]]:
-        """p = n sin(theta) of lines of sight and beams."""
-        task = self.task
-        n_out = columns.n_above if task.above else columns.n_below
-        views = n_out * np.array(task.sines or ())
-        return views, beam_sines(columns, task.cosine)
-
-
-def _plan(domain: Domain, geometry: Geometry, layout: Layout) -> _Plan:
-    assert isinstance(geometry, Total | Angular)
-    task = _task(geometry)
-    plan = _Plan(task, layout, None)
-    return replace(plan, optics=_optics(plan, domain.low)) if domain.fixed_optics else plan
-
-
 _DECAY = 1e-8  # what an azimuthal order of light scattered twice may fall to before it is left out
 
 
@@ -234,80 +173,3 @@ def enough_orders(domain: Domain, terms: int, tabulated: bool, scatterings: int)
     if tabulated or not all(domain.low.smooth):
         return terms
     return min(terms, 1 if g == 0.0 else int(np.ceil(np.log(_DECAY) / np.log(g) / scatterings)) + 2)
-
-
-@eqx.filter_jit
-def _optics(plan: _Plan, columns: Columns) -> tuple[Grid, tuple[Response[Matrix], ...]]:
-    views, beams = plan.directions(columns)
-    grid = make_grid(plan.layout, columns, views, beams)
-    return grid, make_faces(columns, grid, plan.layout, beams.size)
-
-
-_ROUNDING = 1e-12
-_CAUTION = 2.0  # the coarser rule may by chance lie closer than the error of the finer one
-
-
-class OrdinatesForward(Forward):
-    """See `Forward`."""
-
-    plans: tuple[_Plan, ...]
-    coarser: tuple[_Plan, ...]
-
-    def __call__(self, columns: Columns, shifts: Sequence[Float[Array, ""] | None] | None = None) -> tuple[Array, ...]:
-        return _values(self.plans, columns)
-
-    def run(self, columns: Columns) -> tuple[Array, ...]:
-        return self(columns)
-
-    def error(self, columns: Columns) -> tuple[np.ndarray | None, ...] | None:
-        """Twice the difference to a rule of two thirds of the directions, and rounding."""
-        return self.evaluate(columns).errors
-
-    def evaluate(self, columns: Columns) -> Evaluation:
-        fine, coarse = ([np.asarray(v) for v in _values(plans, columns)] for plans in (self.plans, self.coarser))
-        return Evaluation(tuple(fine), tuple(_CAUTION * np.abs(a - b) + _ROUNDING for a, b in zip(fine, coarse, strict=True)))
-
-
-@eqx.filter_jit
-def _values(plans: tuple[_Plan, ...], columns: Columns) -> tuple[Array, ...]:
-    done: dict[tuple, tuple[Grid, tuple[Response[Matrix], ...], list[Response[Matrix]]]] = {}  # geometries that need the same directions share them
-    values = []
-    for plan in plans:
-        if plan.key not in done:
-            grid, faces = _optics(plan, columns) if plan.optics is None else plan.optics
-            numbers = medium(plan.layout, columns)
-            done[plan.key] = grid, faces, pieces(plan.layout, columns, numbers, grid, faces, plan.beams)
-        grid, faces, parts = done[plan.key]
-        value = _read(plan, grid, parts)
-        if plan.task.sines and plan.beams:
-            single = correction(plan.layout, columns, medium(plan.layout, columns), grid, faces, plan.task.azimuth)
-            lacking = reflection(single) if plan.task.above else compose_all(single).T_down
-            value = value + grid.rule.n[0 if plan.task.above else -1] ** 2 * lacking.value[:-1, -1]
-        values.append(value)
-    return tuple(values)
-
-
-def _read(plan: _Plan, grid: Grid, parts: list[Response[Matrix]]) -> Float[Array, "values"]:
-    """The values of one geometry."""
-    task = plan.task
-    if task.above:
-        seen = reflection(parts).value
-        if task.net:
-            seen = seen - parts[0].R_above.value
-    else:
-        seen = compose_all(parts).T_down.value
-    n = grid.root.shape[1]
-    views = seen.shape[-1] - n - plan.beams
-    into, out = grid.root[0], grid.root[0 if task.above else -1]
-    if task.sines is None:
-        seen = seen[0, views:, views:]
-        if plan.beams:
-            return (out @ seen[:n, n] + seen[n, n])[None]
-        return (out @ seen @ into / jnp.sum(into**2))[None]
-    index = grid.rule.n[0 if task.above else -1]
-    if plan.beams:  # a beam of power 1 is the amplitude (2 - delta_m0)/(2 pi)
-        order = np.arange(seen.shape[0])
-        factor = np.where(order == 0, 1.0, 2.0) * np.cos(order * (task.azimuth or 0.0)) / (2.0 * np.pi)
-        return index**2 * jnp.tensordot(factor, seen[:, :views, -1], 1)
-    uniform = 1.0 / (2.0 * np.pi * jnp.sum(into**2))  # I/n^2 of diffuse light of power 1
-    return index**2 * uniform * (seen[0, :views, views:] @ into + jnp.diagonal(seen[0, :views, :views]))

@@ -5,13 +5,13 @@ from dataclasses import replace
 from itertools import accumulate
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from ..compilation import compiled
 from ..errors import InputError
 from ..measurement.geometry import Incidence, TotalReflectance
 from ..scene.columns import Columns, to_columns
@@ -19,7 +19,7 @@ from ..scene.stack import Stack
 from ..solver import Domain
 from .discrete_ordinates import DiscreteOrdinates
 from .matrix import Matrix
-from .ordinate_stack import Grid, Layout, beam_sines, make_faces, make_grid, medium, pieces
+from .ordinate_stack import Grid, Layout, make_faces, make_grid, medium, pieces
 from .response import Response, between, compose, compose_all, over, reflection
 
 
@@ -80,7 +80,7 @@ def _cut(columns: Columns, i: int, z: Float[Array, ""]) -> Columns:
     )
 
 
-@eqx.filter_jit
+@compiled
 def _fluences(layout: Layout, columns: Columns, i: int, inside: Float[Array, "depths"], cosine: float | None) -> Float[Array, "depths"]:
     grid, faces, incoming = _optics(layout, _cut(columns, i, inside[0]), cosine)  # the same for all depths
 
@@ -92,7 +92,7 @@ def _fluences(layout: Layout, columns: Columns, i: int, inside: Float[Array, "de
     return jax.lax.map(at, inside)
 
 
-@eqx.filter_jit
+@compiled
 def _fluxes(layout: Layout, columns: Columns, cosine: float | None) -> Float[Array, "faces"]:
     """Net flux into each layer, and at the lower end of the last one (0 of a half space)."""
     grid, faces, incoming = _optics(layout, columns, cosine)
@@ -108,7 +108,7 @@ def _fluxes(layout: Layout, columns: Columns, cosine: float | None) -> Float[Arr
 
 def _optics(layout: Layout, columns: Columns, cosine: float | None) -> tuple[Grid, tuple[Response[Matrix], ...], Float[Array, "c"]]:
     """Directions, faces, and the light that falls on the sample, of power 1."""
-    beams = beam_sines(columns, cosine)
+    beams = columns.n_above * np.sqrt([] if cosine is None else [1.0 - cosine**2])
     grid = make_grid(layout, columns, jnp.zeros(0), beams)
     root = grid.root[0]
     incoming = root / jnp.sum(root**2) if cosine is None else jnp.zeros(root.size + 1).at[-1].set(1.0)

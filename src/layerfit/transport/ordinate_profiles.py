@@ -14,6 +14,7 @@ from jax import Array
 from jaxtyping import Float
 
 from ..arrays import AnyArray
+from ..compilation import compiled
 from ..measurement.geometry import Geometry, Radial
 from ..measurement.rings import rings
 from ..optics.frequencies import chebyshev_frequencies, interpolation
@@ -141,7 +142,7 @@ def _scale(columns: Columns) -> float:
     return max(float(np.sqrt(dense * max(clear, 0.01 * dense))), thin)
 
 
-@eqx.filter_jit
+@compiled
 def optics_of(layout: Layout, columns: Columns) -> tuple[Grid, tuple[Response[Matrix], ...]]:
     """Directions and faces, with the beam as one more channel."""
     grid = make_grid(layout, columns, jnp.zeros(0), jnp.zeros(1))
@@ -239,7 +240,7 @@ def _values(plan: ProfilePlan, columns: Columns, shift: Float[Array, ""] | None)
     return plan.functional.at(shift, plan.from_points @ lacking + rest), plan.functional.at(shift, plan.from_half @ half + rest)
 
 
-_profile = eqx.filter_jit(_values)
+_profile = compiled(_values)
 
 
 def profiles_forward(

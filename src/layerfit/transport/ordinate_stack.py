@@ -20,7 +20,9 @@ from .matrix import Matrix
 from .response import Response, nothing
 from .rough_interface import Side, rough_interfaces
 
-_DEPTH_OF_NOTHING = 1e-12  # least optical thickness of a layer: light trapped in one of none has no definite slope, and shows rounding below this
+# Least optical thickness of a layer. Light trapped in one of none has no definite slope; near none, slopes show rounding in proportion to 1/depth.
+_LEAST_DEPTH = 1e-12
+_LEAST_DEPTH_OF_A_TRAP = 1e-10  # where indices differ
 
 
 class Layout(eqx.Module):
@@ -46,11 +48,6 @@ def media(columns: Columns) -> Float[Array, "media"]:
     """Refractive indices from above to below; under a half space there is no medium."""
     below = [] if columns.half_space else [columns.n_below[None]]
     return jnp.concatenate([columns.n_above[None], columns.n, *below])
-
-
-def beam_sines(columns: Columns, cosine: float | None) -> Float[Array, "beams"]:
-    """p = n sin(theta) of the light that falls on the sample: one beam, or none where it is diffuse (None)."""
-    return jnp.zeros(0) if cosine is None else columns.n_above * np.sqrt(1.0 - np.array([cosine]) ** 2)
 
 
 def lay_out(domain: Domain, streams: int, orders: int, tables: tuple[tuple[float, ...] | None, ...]) -> Layout:
@@ -143,8 +140,8 @@ def medium(layout: Layout, columns: Columns) -> Medium:
     extinction = columns.sigma_a + sigma_s
     finite = columns.thickness.shape[0]
     depth = jnp.concatenate([columns.thickness, jnp.ones(columns.count - finite)])
-    nothing = _DEPTH_OF_NOTHING / jnp.where(depth > 0.0, depth, 1.0)
-    extra = jnp.where(extinction == 0.0, nothing, 0.0)
+    clear = extinction == 0.0
+    extra = jnp.where(clear, _LEAST_DEPTH / jnp.where(depth > 0.0, depth, 1.0), 0.0)
     extinction = extinction + extra
     chi = [
         henyey_greenstein_moments(columns.g[i], layout.terms + 1) if table is None else _padded(table, layout.terms + 1)
@@ -155,7 +152,8 @@ def medium(layout: Layout, columns: Columns) -> Medium:
     left, albedo, moments = jax.vmap(delta_m)(sigma_s / extinction, chi[:, :-1], forward)
     absorbed = (columns.sigma_a + extra) / (extinction * left)
     tau = (extinction * left)[:finite] * columns.thickness
-    tau = tau + jax.lax.stop_gradient(jnp.maximum(_DEPTH_OF_NOTHING - tau, 0.0))
+    least = jnp.where(clear[:finite] | (len(set(layout.groups)) == 1), _LEAST_DEPTH, _LEAST_DEPTH_OF_A_TRAP)
+    tau = tau + jax.lax.stop_gradient(jnp.maximum(least - tau, 0.0))
     return Medium(tau, albedo, absorbed, moments, forward, extinction * left)
 
 

@@ -10,6 +10,7 @@ from jax import Array
 from jax.core import Tracer
 from jaxtyping import Float
 
+from ..compilation import compiled
 from ..errors import InputError, one_of
 from ..measurement.geometry import TotalReflectance
 from ..optics.microfacet_paths import brdf
@@ -20,8 +21,8 @@ from .discrete_ordinates import DiscreteOrdinates, enough_orders, enough_streams
 from .matrix import Matrix
 from .ordinate_stack import Grid, Layout, Medium, lay_out, make_faces, make_grid, media, medium, pieces
 from .regular import SIDES, Face, regular
-from .response import Response, compose_all, reflection
-from .single_scattering import corner, pairs
+from .response import Beamed, Response, compose_all, reflection
+from .single_scattering import missing_orders
 
 _AZIMUTHS = 256  # for the azimuthal orders of a rough surface
 _MOVES = 1e-9  # relative width of the domain given to a refractive index that is traced
@@ -226,14 +227,14 @@ def plan(domain: Domain, solver: DiscreteOrdinates, orders: int | None) -> Shape
     return Shape(layout, int(inside[rank[layout.groups[0]]]), below)
 
 
-@eqx.filter_jit
+@compiled
 def optics(shape: Shape, columns: Columns) -> tuple[Grid, tuple[Response[Matrix], ...]]:
     """Directions and interfaces: what refractive indices and roughness alone decide."""
     grid = make_grid(shape.layout, columns, jnp.zeros(0), jnp.zeros(0))
     return grid, make_faces(columns, grid, shape.layout, 0)
 
 
-@eqx.filter_jit
+@compiled
 def assemble(shape: Shape, columns: Columns, grid: Grid, faces: tuple[Response[Matrix], ...], *, peaks: bool = True) -> ReciprocalMatrices:
     """The matrices of one stack. peaks : whether light transmitted after one scattering has its exact forward peak."""
     layout, a, b = shape.layout, shape.above, shape.below
@@ -269,7 +270,7 @@ def assemble(shape: Shape, columns: Columns, grid: Grid, faces: tuple[Response[M
     if lacking is not None:
         ends = ((lacking.R_above, 0, 0), (lacking.R_below, 1, 1), (lacking.T_down, 1, 0), (lacking.T_up, 0, 1))
         none = jnp.zeros(count)
-        scattered = [k + kernel(Matrix(corner(more)), none, out, into) for k, (more, out, into) in zip(scattered, ends, strict=True)]
+        scattered = [k + kernel(Matrix(more.source), none, out, into) for k, (more, out, into) in zip(scattered, ends, strict=True)]
     surfaces = [kernel(first, beams.surface_above, 0, 0), kernel(last, beams.surface_below, 1, 1)]
     indices = (columns.n_above / columns.n[0], columns.n_below / columns.n[-1])
     for side, face in ((0, 0), (1, -1)):
@@ -304,11 +305,11 @@ def assemble(shape: Shape, columns: Columns, grid: Grid, faces: tuple[Response[M
 
 def _lacking(
     layout: Layout, columns: Columns, numbers: Medium, grid: Grid, faces: tuple[Response[Matrix], ...], peaks: bool
-) -> Response[Matrix] | None:
-    """What the operators lack of light scattered once; None where rough faces let no beam in."""
+) -> Response[Beamed] | None:
+    """What the operators lack of light scattered once, the sources of these; None where rough faces let no beam in."""
     if not columns.smooth[0] and (columns.half_space or not columns.smooth[-1]):
         return None
-    parts = pairs(layout, columns, numbers, grid, faces)
+    parts = missing_orders(layout, columns, numbers, grid, faces)
     if columns.half_space:
         up = reflection(parts)
         return Response(up, *[up.zero()] * 3)

@@ -68,11 +68,11 @@ class Scalar(Operator):
 
 
 class Beamed(Operator):
-    """A diffuse channel fed by a collimated one: [[diffuse, source], [0, beam]]. Diffuse light never becomes a beam again."""
+    """A diffuse channel fed by a collimated one: [[diffuse, source], [0, beam]], which broadcast. Diffuse light never becomes a beam again."""
 
-    diffuse: Float[Array, "*k"]
-    source: Float[Array, "*k"]
-    beam: Float[Array, "*k"]
+    diffuse: Float[Array, "*#k"]
+    source: Float[Array, "*#k"]
+    beam: Float[Array, "*#k"]
 
     def __matmul__(self, other: "Beamed") -> "Beamed":
         return Beamed(

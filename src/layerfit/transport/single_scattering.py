@@ -1,12 +1,15 @@
 """The single-scattered light that delta-M and a finite number of azimuthal orders get wrong, put right (the TMS method).
 
 Light scattered once goes from beam to line of sight without the ordinates, so that its exact phase function can be used, and what the ordinates'
-expansion made of it taken out again. Both pass through the stack with the same attenuation, refraction and reflections.
+expansion made of it taken out again. Both pass through the stack with the same attenuation, refraction and reflections: for each pair of directions
+a diffuse channel (the line of sight) fed by a collimated one (the beam).
 
 References
 ----------
 T. Nakajima, M. Tanaka, J. Quant. Spectrosc. Radiat. Transfer 40, 51 (1988), eq 22.
 """
+
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -14,133 +17,123 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from ..arrays import AnyArray
 from ..optics.phase import henyey_greenstein, legendre_series
 from ..optics.special import expc
 from ..scene.columns import Columns
 from .discrete_ordinates_layer import Directions, scattering
 from .matrix import Matrix
 from .ordinate_stack import Grid, Layout, Medium
-from .response import Response
-
-_AZIMUTHS = 128  # for the average over azimuth
-
-
-def correction(
-    layout: Layout, columns: Columns, numbers: Medium, grid: Grid, faces: tuple[Response[Matrix], ...], azimuth: float | None
-) -> list[Response[Matrix]]:
-    """Pieces from top to bottom over lines of sight and one beam; their corner, composed, is what the radiance lacks per power of the beam.
-
-    azimuth : between the beam's way and the line of sight [rad]; None: the average.
-    """
-    n = grid.root.shape[1]
-    views = grid.mu.shape[1] - n - 1
-    result = []
-    for i in range(columns.count):
-        result.append(_face(faces[i], views, n))
-        rows = (grid.mu[i + 1], grid.weight[i + 1], grid.root[i + 1])
-        result.append(_layer(layout, columns, numbers, i, Directions(*rows), grid.legendre[i], azimuth))
-    return result + ([] if columns.half_space else [_face(faces[-1], views, n)])
-
-
-def _face(face: Response[Matrix], views: int, n: int) -> Response[Matrix]:
-    """An interface without its ordinates. What a rough one scatters is in their solution; it lets no beam through."""
-    kept = np.concatenate([np.arange(views), np.array([views + n])])
-    return jax.tree.map(lambda x: jnp.diag(jnp.diagonal(x[0])[kept]), face)
-
-
-def _layer(
-    layout: Layout, columns: Columns, numbers: Medium, i: int, directions: Directions, legendre: Float[Array, "orders l c"], azimuth: float | None
-) -> Response[Matrix]:
-    n = directions.root.shape[0]
-    mu_v, mu_b = directions.mu[n:-1], directions.mu[-1]
-    phi = np.array([azimuth]) if azimuth is not None else 2.0 * np.pi * (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS
-    along, across = mu_v * mu_b, jnp.sqrt((1.0 - mu_v**2) * (1.0 - mu_b**2) + 1e-300)
-    order = np.arange(layout.orders)
-    kernel = jax.vmap(lambda rows, m: scattering(numbers.moments[i], rows, directions, m, 1))(legendre, order.astype(float))
-    factor = np.where(order == 0, 1.0, 2.0) * np.cos(order * (azimuth or 0.0))
-    missing = []
-    for sign in (1.0, -1.0):  # the same hemisphere, the other
-        exact = _phase(layout, columns, i, sign * along[:, None] + across[:, None] * np.cos(phi))
-        expanded = jnp.tensordot(factor, kernel.even_corner[:, :, 0] + sign * kernel.odd_corner[:, :, 0], 1)
-        missing.append(jnp.mean(exact, axis=1) / (1.0 - numbers.forward[i]) - expanded)
-    strength = 0.5 * numbers.albedo[i] * directions.weight[n:-1] * directions.weight[-1] / (2.0 * np.pi)
-    back, through, passing = _depths(jnp.append(1.0 / mu_v, 1.0 / mu_b), numbers, i, slice(0, -1), slice(-1, None))
-    R = _corner(strength * missing[1] * back[:, 0], jnp.zeros_like(passing))
-    T = _corner(strength * missing[0] * through[:, 0], passing)
-    return Response(R, R, T, T)
-
-
-def _corner(corner: Float[Array, "v"], diagonal: Float[Array, "e"]) -> Matrix:
-    return Matrix(jnp.diag(diagonal).at[:-1, -1].set(corner))
-
-
-def _phase(layout: Layout, columns: Columns, i: int, cosine: Array) -> Array:
-    """The exact phase function of a layer, of mean 1."""
-    table = layout.tables[i]
-    return henyey_greenstein(cosine, columns.g[i]) if table is None else legendre_series(cosine, np.array(table))
-
-
-def _depths(rate: Float[Array, "d"], numbers: Medium, i: int, views: slice, beams: slice) -> tuple[Array, Array, Array]:
-    """Integrals over the depth of the scattering, for what leaves where the beam came in and where it goes out: (views, beams). Then what passes.
-
-    rate : 1/cosine of all directions.
-    """
-    rate_v, rate_b = rate[views, None], rate[None, beams]
-    total = rate_v + rate_b
-    if i >= numbers.tau.shape[0]:
-        return 1.0 / total, jnp.zeros_like(total), jnp.zeros_like(rate)
-    tau = numbers.tau[i]
-    through = tau * jnp.exp(-tau * jnp.minimum(rate_v, rate_b)) * expc(tau * jnp.abs(rate_v - rate_b))
-    return tau * expc(tau * total), through, jnp.exp(-tau * rate)
-
+from .response import Beamed, Nothing, Response, nothing
 
 _ROUND = 512  # azimuths from 0 to pi for the orders of a phase function: g to 0.98
 
-
-def pairs(layout: Layout, columns: Columns, numbers: Medium, grid: Grid, faces: tuple[Response[Matrix], ...]) -> list[Response[Matrix]]:
-    """Pieces from top to bottom over ordinates as lines of sight and once more as beams, by azimuthal order; their corner, composed, is what the
-    operators of the stack lack between ordinates (see `corner`)."""
-    result = []
-    for i in range(columns.count):
-        result += [_twice(faces[i], columns.smooth[i]), _between(layout, columns, numbers, grid, i)]
-    return result + ([] if columns.half_space else [_twice(faces[-1], columns.smooth[-1])])
+Missing = Callable[
+    [int, float], Array
+]  # of layer i, into the same hemisphere (1) or the other (-1): what its phase function lacks between directions
 
 
-def corner(operator: Matrix) -> Float[Array, "orders n n"]:
-    """From ordinates as beams to ordinates as lines of sight."""
-    n = operator.value.shape[-1] // 2
-    return operator.value[:, :n, n:]
+def missing_radiances(
+    layout: Layout,
+    columns: Columns,
+    numbers: Medium,
+    grid: Grid,
+    faces: tuple[Response[Matrix], ...],
+    sights: int,
+    which: tuple[int, ...],
+    azimuths: Float[AnyArray, "s t"],
+) -> list[Response[Beamed]]:
+    """Pieces from top to bottom between lines of sight (rows) and beams (columns); the source of their operators, composed, is what the radiance
+    lacks per power of the beam.
 
-
-def _twice(face: Response[Matrix], smooth: bool) -> Response[Matrix]:
-    """An interface; a rough one lets no beam through."""
-
-    def one(x: Float[Array, "orders n n"]) -> Float[Array, "orders n2 n2"]:
-        shares = jnp.diagonal(x, axis1=1, axis2=2) * float(smooth)
-        return jnp.eye(2 * x.shape[1]) * jnp.concatenate([shares, shares], axis=1)[:, None, :]
-
-    return jax.tree.map(one, face)
-
-
-def _between(layout: Layout, columns: Columns, numbers: Medium, grid: Grid, i: int) -> Response[Matrix]:
+    sights : number of lines of sight. which : of the grid's beams. azimuths : between the way of each of these and the lines of sight [rad]; the
+    mean over them (the leading axis) is taken.
+    """
     n = grid.root.shape[1]
-    directions = Directions(grid.mu[i + 1][:n], grid.weight[i + 1][:n], grid.root[i + 1])
+    beams = grid.mu.shape[1] - n - sights
+    seen, lit = np.arange(n, n + sights), n + sights + np.array(which)
     order = np.arange(layout.orders)
-    kernel = jax.vmap(lambda rows, m: scattering(numbers.moments[i], rows, directions, m, 0))(grid.legendre[i][:, :, :n], order.astype(float))
-    mu, phi = directions.mu, np.pi * (np.arange(_ROUND) + 0.5) / _ROUND
-    along, across = mu[:, None] * mu, jnp.sqrt((1.0 - mu[:, None] ** 2) * (1.0 - mu**2) + 1e-300)
+    factor = jnp.mean(np.where(order == 0, 1.0, 2.0)[:, None, None] * jnp.cos(order[:, None, None] * azimuths), axis=1)
+
+    def missing(i: int, sign: float) -> Float[Array, "v t"]:
+        directions = Directions(grid.mu[i + 1], grid.weight[i + 1], grid.root[i + 1])
+        kernel = jax.vmap(lambda rows, m: scattering(numbers.moments[i], rows, directions, m, beams))(grid.legendre[i], order.astype(float))
+        expanded = jnp.einsum("mt,mvt->vt", factor, (kernel.even_corner + sign * kernel.odd_corner)[:, :, np.array(which)])
+        exact = jnp.mean(_phase(layout, columns, i, sign, directions.mu[seen], directions.mu[lit], azimuths[:, None, :]), axis=0)
+        return (exact / (1.0 - numbers.forward[i]) - expanded) / (2.0 * np.pi)
+
+    return _pieces(columns, numbers, grid, faces, sights, seen, lit, missing)
+
+
+def missing_orders(layout: Layout, columns: Columns, numbers: Medium, grid: Grid, faces: tuple[Response[Matrix], ...]) -> list[Response[Beamed]]:
+    """The same between all pairs of ordinates, by azimuthal order."""
+    n = grid.root.shape[1]
+    order = np.arange(layout.orders)
+    phi = np.pi * (np.arange(_ROUND) + 0.5) / _ROUND
     cosines = np.cos(phi[:, None] * order) / _ROUND
-    strength = 0.5 * numbers.albedo[i] * directions.weight[:, None] * directions.weight
-    back, through, passing = _depths(1.0 / mu, numbers, i, slice(None), slice(None))
 
-    def lacking(sign: float, depth: Float[Array, "n n"]) -> Float[Array, "orders n n"]:
-        exact = _phase(layout, columns, i, sign * along[..., None] + across[..., None] * np.cos(phi)) @ cosines
-        return strength * depth * (jnp.moveaxis(exact, -1, 0) / (1.0 - numbers.forward[i]) - kernel.even - sign * kernel.odd)
+    def missing(i: int, sign: float) -> Float[Array, "orders n n"]:
+        directions = Directions(grid.mu[i + 1][:n], grid.weight[i + 1][:n], grid.root[i + 1])
+        kernel = jax.vmap(lambda rows, m: scattering(numbers.moments[i], rows, directions, m, 0))(grid.legendre[i][:, :, :n], order.astype(float))
+        exact = jnp.tensordot(_phase(layout, columns, i, sign, directions.mu, directions.mu, phi[:, None, None]), cosines, ((0,), (0,)))
+        return jnp.moveaxis(exact, -1, 0) / (1.0 - numbers.forward[i]) - kernel.even - sign * kernel.odd
 
-    def whole(corner: Float[Array, "orders n n"], diagonal: Float[Array, "n"]) -> Matrix:
-        straight = jnp.broadcast_to(jnp.diag(diagonal), corner.shape)
-        upper = jnp.concatenate([straight, corner], axis=2)
-        return Matrix(jnp.concatenate([upper, jnp.concatenate([jnp.zeros_like(corner), straight], axis=2)], axis=1))
+    return _pieces(columns, numbers, grid, faces, 0, np.arange(n), np.arange(n), missing)
 
-    R, T = whole(lacking(-1.0, back), jnp.zeros(n)), whole(lacking(1.0, through), passing)
+
+def _pieces(
+    columns: Columns,
+    numbers: Medium,
+    grid: Grid,
+    faces: tuple[Response[Matrix], ...],
+    sights: int,
+    seen: np.ndarray,
+    lit: np.ndarray,
+    missing: Missing,
+) -> list[Response[Beamed]]:
+    """Faces and layers from top to bottom. seen, lit : lines of sight and beams, as the grid counts directions."""
+    result: list[Response[Beamed]] = []
+    for i in range(columns.count):
+        result.append(_face(faces[i], columns.smooth[i], grid, sights, seen, lit))
+        result.append(_layer(numbers, grid, i, seen, lit, [missing(i, sign) for sign in (1.0, -1.0)]))
+    return result + ([] if columns.half_space else [_face(faces[-1], columns.smooth[-1], grid, sights, seen, lit)])
+
+
+def _face(face: Response[Matrix], smooth: bool, grid: Grid, sights: int, seen: np.ndarray, lit: np.ndarray) -> Response[Beamed]:
+    """An interface without its ordinates. What a rough one scatters is in their solution; it lets no beam through."""
+    one, none = jnp.ones(()), jnp.zeros(())
+    if isinstance(face, Nothing):
+        return nothing(Beamed(one, none, one))
+    n = grid.root.shape[1]
+
+    def passed(operator: Matrix) -> Beamed:
+        share = jnp.diagonal(operator.value[0]) * float(smooth)
+        share = jnp.concatenate([share[sights : sights + n], share[:sights], share[sights + n :]])
+        return Beamed(share[seen, None], none, share[lit])
+
+    return Response(passed(face.R_above), passed(face.R_below), passed(face.T_down), passed(face.T_up))
+
+
+def _layer(numbers: Medium, grid: Grid, i: int, seen: np.ndarray, lit: np.ndarray, missing: list[Array]) -> Response[Beamed]:
+    """A layer. missing : of its phase function, into the same hemisphere and into the other."""
+    mu, weight = grid.mu[i + 1], grid.weight[i + 1]
+    strength = 0.5 * numbers.albedo[i] * weight[seen, None] * weight[lit]
+    rate_v, rate_b = 1.0 / mu[seen, None], 1.0 / mu[lit]
+    none = jnp.zeros(())
+    if i >= numbers.tau.shape[0]:  # a half space
+        R, dark = Beamed(none, strength * missing[1] / (rate_v + rate_b), none), Beamed(none, none, none)
+        return Response(R, dark, dark, dark)
+    tau = numbers.tau[i]
+    back = tau * expc(tau * (rate_v + rate_b))
+    through = tau * jnp.exp(-tau * jnp.minimum(rate_v, rate_b)) * expc(tau * jnp.abs(rate_v - rate_b))
+    R = Beamed(none, strength * missing[1] * back, none)
+    T = Beamed(jnp.exp(-tau * rate_v), strength * missing[0] * through, jnp.exp(-tau * rate_b))
     return Response(R, R, T, T)
+
+
+def _phase(layout: Layout, columns: Columns, i: int, sign: float, mu_v: Float[Array, "v"], mu_b: Float[Array, "b"], phi: AnyArray) -> Array:
+    """The exact phase function of a layer, of mean 1, from beams into lines of sight at azimuths phi (any leading axes, then both)."""
+    across = jnp.sqrt((1.0 - mu_v[:, None] ** 2) * (1.0 - mu_b**2) + 1e-300)
+    cosine = sign * mu_v[:, None] * mu_b + across * jnp.cos(phi)
+    table = layout.tables[i]
+    return henyey_greenstein(cosine, columns.g[i]) if table is None else legendre_series(cosine, np.array(table))

@@ -1,0 +1,33 @@
+"""A compiled function serves where it is called by itself and within programs and transformations."""
+
+import jax
+import jax.numpy as jnp
+import pytest
+
+from layerfit.compilation import compiled
+
+square = compiled(lambda x: x**2)
+
+CALLS = {
+    "alone": lambda: square(3.0),
+    "by name": lambda: compiled(lambda *, x: x**2)(x=3.0),
+    "in a program": lambda: jax.jit(square)(3.0),
+    "of a constant in a program": lambda: jax.jit(lambda y: y * square(3.0))(1.0),
+    "its derivative": lambda: 1.5 * jax.grad(square)(3.0),
+    "its derivative in a program": lambda: 1.5 * jax.jit(jax.grad(square))(3.0),
+    "beside a derivative": lambda: jax.grad(lambda y: y * square(3.0))(1.0),
+    "over a batch": lambda: jax.vmap(square)(jnp.array([3.0]))[0],
+    "in a loop": lambda: jax.lax.scan(lambda total, _: (total + square(3.0), None), 0.0, length=1)[0],
+}
+
+
+@pytest.mark.parametrize("call", CALLS.values(), ids=CALLS)
+def test_it_is_the_function(call):
+    assert float(call()) == 9.0
+
+
+def test_it_is_compiled_quickly(monkeypatch):
+    """By itself with the options, which a program within another cannot have."""
+    with pytest.raises(ValueError, match="top-level"):
+        jax.jit(lambda x: jax.jit(lambda x: x, compiler_options={"xla_backend_optimization_level": 1})(x))(1.0)
+    assert square.__wrapped__(3.0) == 9.0
