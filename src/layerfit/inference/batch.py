@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..arrays import AnyArray
+from ..compilation import compiled
 from ..errors import InputError
 from .lanes import Rows, descend_many
 from .least_squares import Descent
@@ -28,7 +29,7 @@ _MAX_STEPS = 200
 _COMPILING = Lock()
 
 
-@eqx.filter_jit
+@compiled
 def _predict(model: Model, x: Float[AnyArray, "m p"], count: Int[AnyArray, ""]) -> Float[Array, "m n"]:
     """Predictions at the first `count` rows."""
     x = jnp.asarray(x)

@@ -9,7 +9,6 @@ import warnings
 from functools import partial
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -17,6 +16,7 @@ from jax import Array
 from jaxtyping import Float
 
 from ..arrays import AnyArray
+from ..compilation import compiled
 from .model import Model
 from .problem import Problem
 
@@ -39,7 +39,7 @@ class Maximum(NamedTuple):
     converged: bool
 
 
-@eqx.filter_jit
+@compiled
 def _value_and_slope(model: Model, estimates_noise: bool, share: Float[AnyArray, "p"]) -> tuple[Float[Array, ""], Float[Array, "p"]]:
     """Negative logarithm of the density and its slope in shares."""
 

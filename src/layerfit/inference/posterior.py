@@ -11,6 +11,7 @@ from jax import Array
 from jaxtyping import Float
 
 from ..arrays import AnyArray
+from ..compilation import compiled
 from .chain import Chain
 from .judgement import Judgement, SamplingOutcome
 from .model import Model
@@ -151,6 +152,6 @@ class Posterior(eqx.Module):
         return posterior_fragment(self)
 
 
-@eqx.filter_jit
+@compiled
 def _predictions(model: Model, x: Float[AnyArray, "m p"]) -> tuple[Float[Array, "m n"], ...]:
     return jax.lax.map(model.predict, x)

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..arrays import AnyArray
+from ..compilation import compiled
 from ..errors import InputError, one_of
 from ..measurement.dataset import Dataset
 from ..measurement.geometry import Radial
@@ -302,7 +303,7 @@ class Problem(eqx.Module):
         return Domain(stack, smallest, largest)
 
 
-@eqx.filter_jit
+@compiled
 def _extremes(scene: Scene, x: Float[AnyArray, "m p"], wavelength: Float[AnyArray, "w"]) -> tuple[Columns, Columns]:
     """Smallest and largest value of each column at many numbers and wavelengths."""
     columns = jax.vmap(lambda one: scene.columns_at(one, wavelength))(jnp.asarray(x))

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..arrays import AnyArray
+from ..compilation import compiled
 from ..measurement.geometry import Geometry, Radial
 from ..transport.fewer_frequencies import fewer_frequencies
 from ..transport.spectral import SpectralForward
@@ -29,7 +30,7 @@ def is_spectral(model: Model) -> bool:
     return all(isinstance(sample, Sample) and isinstance(sample.forward, SpectralForward) for sample in model.samples)
 
 
-@eqx.filter_jit
+@compiled
 def _columns(scene: Scene, x: Float[AnyArray, "m p"]) -> Any:
     return jax.lax.map(scene.columns, jnp.asarray(x))
 

@@ -7,7 +7,6 @@ from dataclasses import fields
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,6 +14,7 @@ from jax import Array
 from jaxtyping import Float
 
 from ..arrays import AnyArray
+from ..compilation import compiled
 from ..inference.likelihood import Likelihood
 from ..inference.model import Scene
 from ..inference.parts import Parts
@@ -133,7 +133,7 @@ def derived_rows(fit: "Fit") -> list[dict[str, str]]:
     ]
 
 
-@eqx.filter_jit
+@compiled
 def _derived(scene: Scene, x: Float[AnyArray, "p"]) -> tuple[Float[Array, "q layers"], Float[Array, "q layers p"]]:
     """The derived quantities and their slopes."""
 

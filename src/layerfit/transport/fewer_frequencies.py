@@ -15,6 +15,7 @@ import scipy.linalg
 from jax import Array
 from jaxtyping import Float
 
+from ..compilation import compiled
 from ..measurement.geometry import Radial
 from ..scene.columns import Columns
 from .spectral import Functional, SpectralForward, images_of
@@ -38,7 +39,7 @@ def fewer_frequencies(forward: SpectralForward, columns: Columns, floors: Sequen
     return eqx.tree_at(lambda f: f.plans, forward, tuple(plans))
 
 
-@eqx.filter_jit
+@compiled
 def _samples(
     forward: SpectralForward, plan: Functional, columns: Columns, index: int
 ) -> tuple[Float[Array, "samples k"], Float[Array, "samples c n"]]:
