@@ -141,7 +141,7 @@ def test_standard_error_of_one_number(fitted, tmp_path):
 
 def test_a_number_held_wrong_is_told(tmp_path):
     """A total that no number in its range can give."""
-    said = lf.fit_slabs(lf.read_rxt(written(tmp_path, "r\n0.6\n")), held={"sigma_s_prime": 0.1}, solver=lf.DiscreteOrdinates(streams=16)).said[0]
+    said = lf.fit_slabs(written(tmp_path, "r\n0.6\n"), held={"sigma_s_prime": 0.1}, solver=lf.DiscreteOrdinates(streams=16)).said[0]
     assert "sigma_a is at its bound; R is missed by" in said
     assert said.endswith("no slab of this index, thickness and sigma_s_prime gives it")
 

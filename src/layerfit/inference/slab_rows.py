@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from ..errors import InputError, one_of
 from ..measurement.dataset import Dataset, Noise
 from ..measurement.geometry import Incidence, TotalReflectance, TotalTransmittance
-from ..measurement.rxt_file import RxtFile
+from ..measurement.rxt_file import RxtFile, read_rxt
 from ..scene.layer import Layer
 from ..scene.stack import Stack
 from ..solver import Solver
@@ -85,7 +86,7 @@ def slab(file: RxtFile, row: int = 0, *, sigma_a: float = 0.1, sigma_s_prime: fl
 
 
 def fit_slabs(
-    file: RxtFile,
+    file: RxtFile | str | Path,
     *,
     g: float | None = None,
     held: Mapping[str, Any] | None = None,
@@ -96,9 +97,10 @@ def fit_slabs(
 ) -> SlabRows:
     """sigma_a and sigma_s' of each row of a .rxt file from M_R and M_T, or one of them from either.
 
-    g : mean cosine where the file has no column of it (default 0). held : sigma_a or sigma_s_prime [1/mm] where it is known, ``{"sigma_a": 0.01}``,
-    one for all rows or one each: the other is fitted, which M_R or M_T alone can give. noise : of M_R and M_T (default: 1 % and 1e-4).
-    starts : see `fit_many`. on_rows : called with (rows done, rows). Rows that no sample can have are named and left out. M_U is read and not used.
+    file : as `read_rxt` gives it, or its path. g : mean cosine where the file has no column of it (default 0). held : sigma_a or sigma_s_prime [1/mm]
+    where it is known, ``{"sigma_a": 0.01}``, one for all rows or one each: the other is fitted, which M_R or M_T alone can give. noise : of M_R and
+    M_T (default: 1 % and 1e-4). starts : see `fit_many`. on_rows : called with (rows done, rows). Rows that no sample can have are named and left
+    out. M_U is read and not used.
 
     Raises InputError where the file has fewer of M_R and M_T than numbers are to be found, or g, held or noise are out of range.
 
@@ -106,9 +108,10 @@ def fit_slabs(
     >>> import layerfit as lf
     >>> file = pathlib.Path(tempfile.mkdtemp()) / "slab.rxt"
     >>> _ = file.write_text("IAD1 1.4 1.0 1 0 2 1 0  0 0 0 0 0  0 0 0 0 0\\nr t\\n0.30 0.25\\n0.80 0.25\\n")
-    >>> lf.fit_slabs(lf.read_rxt(file)).said
+    >>> lf.fit_slabs(file).said
     ('', 'row 2: M_R + M_T = 1.05; more than 1 comes back')
     """
+    file = file if isinstance(file, RxtFile) else read_rxt(file)
     rows, seen = len(file), _measured(file)
     known = _known(held, rows)
     free = [q for q, name in enumerate(NUMBERS) if name not in known]

@@ -15,6 +15,13 @@ if TYPE_CHECKING:
 _PROFILE, _PARABOLA = "#1f4e79", "#c0392b"
 
 
+class _Plain(LogFormatter):
+    """Logarithmic ticks as 0.3, neither 3e-01 nor 3 x 10^-1."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return f"{x:g}" if super().__call__(x, pos) else ""
+
+
 def plot_profile(profile: "ProfileLikelihood") -> Figure:
     """Above: the rise of chi-square, the parabola of the standard error, the levels. Below: the other numbers, relative to the fit."""
     names = profile.fit.problem.names
@@ -48,10 +55,10 @@ def plot_profile(profile: "ProfileLikelihood") -> Figure:
     lower.set_ylabel("others / fit")
     lower.set_yscale("log" if np.all(profile.x > 0) else "linear")
     lower.set_xscale("log" if parameter.log else "linear")
-    for axis in (lower.xaxis, lower.yaxis):  # 1.3, not 1.3 x 10^0
+    for axis in (lower.xaxis, lower.yaxis):
         if axis.get_scale() == "log":
-            axis.set_major_formatter(LogFormatter())
-            axis.set_minor_formatter(LogFormatter(minor_thresholds=(1.5, 0.6)))
+            axis.set_major_formatter(_Plain())
+            axis.set_minor_formatter(_Plain(minor_thresholds=(1.5, 0.6)))
     lower.set_xlabel(f"{profile.name} [{unit_text(profile.unit)}]", parse_math=False)
     for axis in (upper, lower):
         axis.grid(alpha=0.25)
