@@ -1,11 +1,14 @@
 """A scene at many wavelengths: which plain scenes it stands for, and what predicts them together."""
 
 from collections.abc import Sequence
+from functools import partial
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Float
 
 from .arrays import AnyArray
@@ -72,9 +75,42 @@ def groups(geometries: Sequence[Geometry]) -> tuple[Group, ...]:
 
 def columns_at(stack: Stack, wavelength: Float[AnyArray, "w"], rough_faces: tuple[bool, ...] | None = None) -> Columns:
     """Columns of a stack of tissue at many wavelengths, which are the first axis of each."""
-    return jax.vmap(lambda w: to_columns(stack.at(w), rough_faces=rough_faces))(jax.numpy.asarray(wavelength))
+    return jax.vmap(lambda w: to_columns(stack.at(w), rough_faces=rough_faces))(jnp.asarray(wavelength))
 
 
-def over_wavelengths(forward: Forward, columns: Columns) -> tuple[Float[Array, "wn"], ...]:
-    """Values of all geometries of a forward model at all wavelengths, the places of the first wavelength first."""
-    return tuple(values.reshape(-1) for values in jax.vmap(lambda one: forward(one))(columns))
+def over_wavelengths(forward: Forward, columns: Columns, numbers: int) -> tuple[Float[Array, "wn"], ...]:
+    """Values of all geometries of a forward model at all wavelengths, the places of the first wavelength first.
+
+    numbers : how many free numbers the columns are made of. Where these are more than the columns that move with them, derivatives are taken to the
+    columns, of which each wavelength has its own few: amounts of many substances cost no more than sigma_a.
+    """
+    values = jax.custom_jvp(lambda columns: jax.vmap(lambda one: forward(one))(columns))
+
+    @partial(values.defjvp, symbolic_zeros=True)
+    def slope(primals: tuple[Columns], tangents: tuple[Columns]) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+        leaves, structure = jax.tree.flatten(primals[0])
+        given = structure.flatten_up_to(tangents[0])
+        moving = [i for i, tangent in enumerate(given) if not isinstance(tangent, SymbolicZero)]
+        sizes = [leaves[i][0].size for i in moving]
+
+        def moved(parts: Sequence[Array]) -> tuple[Array, ...]:
+            mine = list(leaves)
+            for i, part in zip(moving, parts, strict=True):
+                mine[i] = part
+            return jax.vmap(lambda one: forward(one))(jax.tree.unflatten(structure, mine))
+
+        here = [leaves[i] for i in moving]
+        if sum(sizes) >= numbers:
+            return jax.jvp(moved, (here,), ([given[i] for i in moving],))
+        ends = np.cumsum(sizes)[:-1]
+
+        def along(direction: Float[Array, "q"]) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+            parts = jnp.split(direction, ends)
+            same = [jnp.broadcast_to(part.reshape(x.shape[1:]), x.shape) for part, x in zip(parts, here, strict=True)]
+            return jax.jvp(moved, (here,), (same,))
+
+        found, slopes = jax.vmap(along, out_axes=(None, -1))(jnp.eye(sum(sizes)))  # slopes: wavelength, place, column
+        rates = jnp.concatenate([given[i].reshape(len(given[i]), -1) for i in moving], axis=1)
+        return found, tuple(jnp.einsum("wnq,wq->wn", part, rates) for part in slopes)
+
+    return tuple(found.reshape(-1) for found in values(columns))

@@ -95,7 +95,7 @@ class SpectralSample(eqx.Module):
         """Values of each spectrum, its calibration left out."""
         found: dict[int, Array] = {}
         for group, forward in zip(self.groups, self.forwards, strict=True):
-            values = over_wavelengths(forward, self.scene.columns_at(x, group.wavelength))
+            values = over_wavelengths(forward, self.scene.columns_at(x, group.wavelength), x.size)
             found |= dict(zip(group.members, values, strict=True))
         return [found[i] for i in range(self.count)]
 
