@@ -157,7 +157,7 @@ def page(row, fits, x):
     text += [
         f"Made by `python benchmarks/nist_skin.py`. Work of the US government. {row['converged']} of {row['spectra']} fits converged.",
         "",
-        "| what | |",
+        "| what | measured |",
         "|---|---|",
         f"| rms residual of the total reflectance, 184 wavelengths | median {row['rms_median']:.4f}, worst {row['rms_worst']:.4f} |",
         "| Delta E 2000 of fitted against measured (D65, 400 to 780 nm; below 450 nm nothing was fitted) "
