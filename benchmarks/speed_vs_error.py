@@ -27,6 +27,7 @@ sys.path.insert(0, str(ROOT / "tests"))
 from cases import FOLDER, TEN_KINDS, load
 
 TOLERANCES = (0.05, 0.01, 0.005)
+BETWEEN = lf.DiscreteOrdinates(streams=16, orders=4, frequencies=32)  # no rung of Auto's, a setting that a user may choose
 TEXT = (
     "Rungs: 0 layered-diffusion, 1 to 3 discrete ordinates from coarse to fine. Judged by the rings whose standard error is below 2 %: met where no",
     "ring is off by more than the tolerance and three standard errors. Where no rung is good enough Auto takes the best there is, and says so.",
@@ -43,7 +44,7 @@ def rows_of(name):
     seconds = json.loads((FOLDER / f"{name}.json").read_text())["cpu_seconds"]
     noise = float(np.median(se / reference))
     rows, beyond = [], {}
-    for solver in (lf.Dipole(), lf.Multipole(), *lf.Auto.ladder()):
+    for solver in (lf.Dipole(), lf.Multipole(), *lf.Auto.ladder(), BETWEEN):
         if solver.refusal(case.stack, [geometry]) is not None:
             continue
         run = timed_run(solver, case.stack, [geometry])

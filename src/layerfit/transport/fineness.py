@@ -20,7 +20,7 @@ class Fineness(eqx.Module):
 
 _THIN, _SLAB = 0.3, 3.0  # transport optical thickness of a layer, and of a whole sample, below which light goes far sideways unscattered
 _WIDE = 4.0  # ratio of scales from which more frequencies are needed
-_FAR = 20.0  # and from which many more
+_FAR = 20.0  # and from which more directions are
 _ABSORBING = 0.2  # share of absorption in the extinction of all layers from which R(r) falls steeply
 _FORWARD = 0.85  # g
 
@@ -46,8 +46,8 @@ def fineness(
     elif wide and not low.half_space:
         enough, most, count = 32, 5, 64
     else:
-        enough, most = 32 if thin else 24 if forward else 16, 5
-        count = 80 if far else 48 if wide or thin or absorbing else 32
+        enough, most = 32 if thin else 24 if forward or far else 16, 5
+        count = 48 if wide or thin or absorbing else 32
     layout = _resolved(domain, lay_out(domain, streams or enough, 1, tables))
     return Fineness(replace(layout, orders=min(orders or most, layout.terms)), frequencies or count, slab or guiding)
 
