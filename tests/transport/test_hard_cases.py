@@ -67,7 +67,7 @@ def _():
         values(medium(0.1, 1.0, thickness=0.0))
     nothing = lf.Layer("nothing", sigma_a=0.1, sigma_s=1.0, g=0.0, n=1.0, thickness=0.0)
     there = lf.Layer("slab", sigma_a=0.1, sigma_s=1.0, g=0.0, n=1.0, thickness=1.0)
-    # a layer has an optical thickness of 1e-12 at least, so that light trapped between faces has a slope
+    # a layer has an optical thickness of 1e-12 at least (1e-10 where indices differ), so that light trapped between faces has a slope
     assert np.abs(values(lf.Stack([nothing, there])) - values(lf.Stack([there]))).max() <= 1e-12
 
 
