@@ -15,7 +15,7 @@ from jax import Array
 from jaxtyping import Float
 
 from ..arrays import AnyArray
-from ..compilation import QUICK
+from ..compilation import OLDER
 from ..errors import InputError
 from .chain import Chain
 
@@ -51,7 +51,7 @@ def _potential_and_gradient(log_density: LogDensity, u: Float[AnyArray, "p"]) ->
     return jax.value_and_grad(lambda u: -log_density(u))(u)
 
 
-_slope: Callable[..., Any] = eqx.filter_jit(_potential_and_gradient, **QUICK)
+_slope: Callable[..., Any] = eqx.filter_jit(_potential_and_gradient, **OLDER)
 
 
 def _kernel(log_density: LogDensity, u: Any, slope: Any, key: Any) -> tuple[Any, Any]:
@@ -73,7 +73,7 @@ def _first(log_density: LogDensity, u: Any, slope: Any, key: Any) -> Any:
     return _kernel(log_density, u, slope, key)[0]
 
 
-_begin: Callable[..., Any] = eqx.filter_jit(_first, **QUICK)
+_begin: Callable[..., Any] = eqx.filter_jit(_first, **OLDER)
 
 
 def _walk_block(log_density: LogDensity, state: Any) -> _Block:
@@ -88,7 +88,7 @@ def _walk_block(log_density: LogDensity, state: Any) -> _Block:
     return _Block(u, potential, divergent, state)
 
 
-_walk: Callable[..., _Block] = eqx.filter_jit(_walk_block, **QUICK)
+_walk: Callable[..., _Block] = eqx.filter_jit(_walk_block, **OLDER)
 
 
 def _pack(states: list[Any]) -> bytes:
