@@ -21,7 +21,7 @@ import numpy as np
 from record import record
 
 import layerfit as lf
-from layerfit.inference.least_squares import OPTIONS
+from layerfit.compilation import QUICK
 from layerfit.scene.columns import to_columns
 from layerfit.solver import Domain
 
@@ -58,8 +58,8 @@ def main():
             return forward(eqx.tree_at(where, columns, (x[:2], x[2:4], g, x[5:])))[0]
 
         x = jnp.concatenate([columns.sigma_a, columns.sigma_s_prime, columns.g[:1], columns.thickness])
-        compile_value, value = timed(jax.jit(values, **OPTIONS), x)
-        compile_jacobian, jacobian = timed(jax.jit(jax.jacfwd(values), **OPTIONS), x)
+        compile_value, value = timed(jax.jit(values, **QUICK), x)
+        compile_jacobian, jacobian = timed(jax.jit(jax.jacfwd(values), **QUICK), x)
         error = np.abs(np.asarray(values(x)) / finest - 1.0)
         row = {
             "solver": solver.label,
