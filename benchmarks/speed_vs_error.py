@@ -31,6 +31,7 @@ BETWEEN = lf.DiscreteOrdinates(streams=16, orders=4, frequencies=32)  # no rung 
 TEXT = (
     "Rungs: 0 layered-diffusion, 1 to 3 discrete ordinates from coarse to fine. Judged by the rings whose standard error is below 2 %: met where no",
     "ring is off by more than the tolerance and three standard errors. Where no rung is good enough Auto takes the best there is, and says so.",
+    "16 streams, 4 orders, 32 frequencies are no rung but a setting that one may choose, between 1 and 2.",
 )
 
 

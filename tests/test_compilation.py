@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import pytest
 
+from layerfit import compilation
 from layerfit.compilation import compiled
 
 square = compiled(lambda x: x**2)
@@ -27,7 +28,9 @@ def test_it_is_the_function(call):
 
 
 def test_it_is_compiled_quickly(monkeypatch):
-    """By itself with the options, which a program within another cannot have."""
-    with pytest.raises(ValueError, match="top-level"):
-        jax.jit(lambda x: jax.jit(lambda x: x, compiler_options={"xla_backend_optimization_level": 1})(x))(1.0)
-    assert square.__wrapped__(3.0) == 9.0
+    """By itself with the options, an unknown one among them here; in a program, which takes none of its own, without."""
+    monkeypatch.setitem(compilation._OLDER["compiler_options"], "no_such_option", True)
+    cube = compiled(lambda x: x**3)
+    assert float(jax.jit(cube)(2.0)) == 8.0
+    with pytest.raises(jax.errors.JaxRuntimeError, match="no_such_option"):
+        cube(2.0)

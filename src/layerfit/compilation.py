@@ -12,7 +12,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 # The older of XLA's two code generators compiles many small loops in half the time, and they run as fast.
-OLDER: dict[str, Any] = {"compiler_options": {"xla_cpu_use_fusion_emitters": False}}
+_OLDER: dict[str, Any] = {"compiler_options": {"xla_cpu_use_fusion_emitters": False}}
 # With little optimisation it is quicker still, and they run a tenth to a sixth slower: that pays where a program is compiled anew for each problem.
 QUICK: dict[str, Any] = {"compiler_options": {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}}
 
@@ -22,7 +22,7 @@ with ThreadPoolExecutor(1) as _pool:  # no program is traced in a new thread, wh
 
 def compiled(function: Callable[P, T]) -> Callable[P, T]:
     """A function compiled quickly where it is called by itself, and as a part of the program or the transformation that calls it elsewhere."""
-    alone, inside = eqx.filter_jit(function, **OLDER), eqx.filter_jit(function)
+    alone, inside = eqx.filter_jit(function, **_OLDER), eqx.filter_jit(function)
 
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> T:

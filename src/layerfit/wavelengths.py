@@ -84,7 +84,8 @@ def over_wavelengths(forward: Forward, columns: Columns, numbers: int) -> tuple[
     numbers : how many free numbers the columns are made of. Where these are more than the columns that move with them, derivatives are taken to the
     columns, of which each wavelength has its own few: amounts of many substances cost no more than sigma_a.
     """
-    values = jax.custom_jvp(lambda columns: jax.vmap(lambda one: forward(one))(columns))
+    straight = jax.vmap(lambda one: forward(one))
+    values = jax.custom_jvp(straight)
 
     @partial(values.defjvp, symbolic_zeros=True)
     def slope(primals: tuple[Columns], tangents: tuple[Columns]) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
@@ -97,7 +98,7 @@ def over_wavelengths(forward: Forward, columns: Columns, numbers: int) -> tuple[
             mine = list(leaves)
             for i, part in zip(moving, parts, strict=True):
                 mine[i] = part
-            return jax.vmap(lambda one: forward(one))(jax.tree.unflatten(structure, mine))
+            return straight(jax.tree.unflatten(structure, mine))
 
         here = [leaves[i] for i in moving]
         if sum(sizes) >= numbers:

@@ -63,5 +63,8 @@ def test_in_a_batch(values):
 
 
 def test_values(values):
+    """As they come with the slopes."""
     by, x = values
-    assert np.array_equal(jax.jit(by(x.size))(x), jax.jit(by(STRAIGHT))(x))
+    along = jnp.ones_like(x)
+    found, _ = jax.jit(lambda x: jax.jvp(by(x.size), (x,), (along,)))(x)
+    assert np.max(np.abs(found - jax.jit(by(STRAIGHT))(x))) <= 1e-14

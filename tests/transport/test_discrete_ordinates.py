@@ -267,3 +267,24 @@ def test_fit_of_total_and_angular_data():
     fit = lf.fit(problem)
     assert abs(fit.stack.get("slab.sigma_a") - 0.1) <= 1e-6
     assert abs(fit.stack.get("slab.sigma_s_prime") - 1.0) <= 1e-6
+
+
+def test_asked_together_as_asked_alone():
+    """Geometries that share directions are solved together: each beam and azimuth stays with its own."""
+    stack = lf.Stack(
+        [
+            lf.Layer("upper", sigma_a=0.1, sigma_s=5.0, g=0.8, n=1.4, thickness=0.5),
+            lf.Layer("lower", sigma_a=0.02, sigma_s=4.0, g=0.3, n=1.33, thickness=1.0),
+        ]
+    )
+    angles, solver = [10.0, 60.0], lf.DiscreteOrdinates(streams=8)
+    asked = [
+        lf.AngularReflectance(angles, incidence=60.0, azimuth=20.0),
+        lf.AngularReflectance(angles, incidence=30.0, azimuth=160.0),
+        lf.TotalReflectance(incidence=50.0),
+        lf.TotalTransmittance(),
+    ]
+    together = [found.values for found in lf.predict(stack, asked, solver=solver)]
+    alone = [lf.predict(stack, one, solver=solver)[0].values for one in asked]
+    assert max(np.max(np.abs(a - b)) for a, b in zip(together, alone, strict=True)) <= 1e-12
+    assert np.min(np.abs(together[0] - together[1])) >= 1e-3

@@ -15,7 +15,7 @@ from jax import Array
 from jaxtyping import Float
 
 from ..arrays import AnyArray
-from ..compilation import OLDER
+from ..compilation import compiled
 from ..errors import InputError
 from .chain import Chain
 
@@ -47,11 +47,10 @@ class _Block(eqx.Module):
     state: Any
 
 
-def _potential_and_gradient(log_density: LogDensity, u: Float[AnyArray, "p"]) -> tuple[Float[Array, ""], Float[Array, "p"]]:
+@compiled
+def _slope(log_density: LogDensity, u: Float[AnyArray, "p"]) -> tuple[Float[Array, ""], Float[Array, "p"]]:
+    """The potential and its gradient."""
     return jax.value_and_grad(lambda u: -log_density(u))(u)
-
-
-_slope: Callable[..., Any] = eqx.filter_jit(_potential_and_gradient, **OLDER)
 
 
 def _kernel(log_density: LogDensity, u: Any, slope: Any, key: Any) -> tuple[Any, Any]:
@@ -69,14 +68,13 @@ def _kernel(log_density: LogDensity, u: Any, slope: Any, key: Any) -> tuple[Any,
     return first, step
 
 
+@compiled
 def _first(log_density: LogDensity, u: Any, slope: Any, key: Any) -> Any:
     return _kernel(log_density, u, slope, key)[0]
 
 
-_begin: Callable[..., Any] = eqx.filter_jit(_first, **OLDER)
-
-
-def _walk_block(log_density: LogDensity, state: Any) -> _Block:
+@compiled
+def _walk(log_density: LogDensity, state: Any) -> _Block:
     """One block of steps of one chain."""
     _, step = _kernel(log_density, state.z, (state.potential_energy, state.z_grad), state.rng_key)
 
@@ -86,9 +84,6 @@ def _walk_block(log_density: LogDensity, state: Any) -> _Block:
 
     state, (u, potential, divergent) = jax.lax.scan(body, state, None, length=_BLOCK)
     return _Block(u, potential, divergent, state)
-
-
-_walk: Callable[..., _Block] = eqx.filter_jit(_walk_block, **OLDER)
 
 
 def _pack(states: list[Any]) -> bytes:
@@ -129,7 +124,7 @@ def run_nuts(log_density: LogDensity, physical: Physical, begin: np.ndarray, cha
     chains, p = begin.shape
     if chain.count == 0:
         keys = jax.random.split(jax.random.PRNGKey(seed), chains)
-        states = [_begin(log_density, u, _slope(log_density, u), key) for u, key in zip(begin, keys, strict=True)]
+        states = [_first(log_density, u, _slope(log_density, u), key) for u, key in zip(begin, keys, strict=True)]
     else:
         states = _unpack(chain.state, _like(log_density, p), chains)
     with ThreadPoolExecutor(2) as pool:

@@ -281,6 +281,8 @@ class Problem(eqx.Module):
             return scene.columns(x) if wavelength is None else scene.columns_at(x, wavelength)
         except Exception as error:  # the function is the user's
             names = "', '".join(tie.name for tie in self.ties if tie.function is not None)
+            if not names:
+                raise
             where = ", ".join(f"{name} = {value:.3g}" for name, value in zip(self.names, x, strict=True))
             said = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
             raise InputError(f"ties '{names}': the function fails at {where}: {said}") from None

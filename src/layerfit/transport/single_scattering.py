@@ -28,9 +28,8 @@ from .response import Beamed, Nothing, Response, nothing
 
 _ROUND = 512  # azimuths from 0 to pi for the orders of a phase function: g to 0.98
 
-Missing = Callable[
-    [int, float], Array
-]  # of layer i, into the same hemisphere (1) or the other (-1): what its phase function lacks between directions
+Missing = Callable[[int], list[Array]]  # what the phase function of layer i lacks, into the same hemisphere and into the other
+_HEMISPHERES = (1.0, -1.0)
 
 
 def missing_radiances(
@@ -55,12 +54,16 @@ def missing_radiances(
     order = np.arange(layout.orders)
     factor = jnp.mean(np.where(order == 0, 1.0, 2.0)[:, None, None] * jnp.cos(order[:, None, None] * azimuths), axis=1)
 
-    def missing(i: int, sign: float) -> Float[Array, "v t"]:
+    def missing(i: int) -> list[Array]:
         directions = Directions(grid.mu[i + 1], grid.weight[i + 1], grid.root[i + 1])
         kernel = jax.vmap(lambda rows, m: scattering(numbers.moments[i], rows, directions, m, beams))(grid.legendre[i], order.astype(float))
-        expanded = jnp.einsum("mt,mvt->vt", factor, (kernel.even_corner + sign * kernel.odd_corner)[:, :, np.array(which)])
-        exact = jnp.mean(_phase(layout, columns, i, sign, directions.mu[seen], directions.mu[lit], azimuths[:, None, :]), axis=0)
-        return (exact / (1.0 - numbers.forward[i]) - expanded) / (2.0 * np.pi)
+
+        def into(sign: float) -> Float[Array, "v t"]:
+            expanded = jnp.einsum("mt,mvt->vt", factor, (kernel.even_corner + sign * kernel.odd_corner)[:, :, np.array(which)])
+            exact = jnp.mean(_phase(layout, columns, i, sign, directions.mu[seen], directions.mu[lit], azimuths[:, None, :]), axis=0)
+            return (exact / (1.0 - numbers.forward[i]) - expanded) / (2.0 * np.pi)
+
+        return [into(sign) for sign in _HEMISPHERES]
 
     return _pieces(columns, numbers, grid, faces, sights, seen, lit, missing)
 
@@ -72,11 +75,15 @@ def missing_orders(layout: Layout, columns: Columns, numbers: Medium, grid: Grid
     phi = np.pi * (np.arange(_ROUND) + 0.5) / _ROUND
     cosines = np.cos(phi[:, None] * order) / _ROUND
 
-    def missing(i: int, sign: float) -> Float[Array, "orders n n"]:
+    def missing(i: int) -> list[Array]:
         directions = Directions(grid.mu[i + 1][:n], grid.weight[i + 1][:n], grid.root[i + 1])
         kernel = jax.vmap(lambda rows, m: scattering(numbers.moments[i], rows, directions, m, 0))(grid.legendre[i][:, :, :n], order.astype(float))
-        exact = jnp.tensordot(_phase(layout, columns, i, sign, directions.mu, directions.mu, phi[:, None, None]), cosines, ((0,), (0,)))
-        return jnp.moveaxis(exact, -1, 0) / (1.0 - numbers.forward[i]) - kernel.even - sign * kernel.odd
+
+        def into(sign: float) -> Float[Array, "orders n n"]:
+            exact = jnp.tensordot(_phase(layout, columns, i, sign, directions.mu, directions.mu, phi[:, None, None]), cosines, ((0,), (0,)))
+            return jnp.moveaxis(exact, -1, 0) / (1.0 - numbers.forward[i]) - kernel.even - sign * kernel.odd
+
+        return [into(sign) for sign in _HEMISPHERES]
 
     return _pieces(columns, numbers, grid, faces, 0, np.arange(n), np.arange(n), missing)
 
@@ -95,7 +102,7 @@ def _pieces(
     result: list[Response[Beamed]] = []
     for i in range(columns.count):
         result.append(_face(faces[i], columns.smooth[i], grid, sights, seen, lit))
-        result.append(_layer(numbers, grid, i, seen, lit, [missing(i, sign) for sign in (1.0, -1.0)]))
+        result.append(_layer(numbers, grid, i, seen, lit, missing(i)))
     return result + ([] if columns.half_space else [_face(faces[-1], columns.smooth[-1], grid, sights, seen, lit)])
 
 
