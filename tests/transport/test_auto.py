@@ -67,12 +67,15 @@ def _ladder_of(monkeypatch, *rungs):
 
 
 def test_a_rung_that_the_next_one_shows_to_be_good_is_taken(monkeypatch):
-    """Half of what is allowed apart, whatever it states itself."""
+    """By the difference and what that one is off: by its own statement, at most the difference again. Whatever the rung states itself."""
     choose = _ladder_of(monkeypatch, ([1.0, 2.004], [0.02, 0.02]), ([1.0, 2.0], [0.015, 0.015]), ([1.0, 2.0], [0.001, 0.001]))
     choice = choose(lf.Auto(tolerance=0.005))
     assert choice.rung == 1
     assert "error against discrete-ordinates" in choice.notes[0] and "at most 0.4 %" in choice.notes[0]
     assert choose(lf.Auto(tolerance=0.003)).rung == 2  # shown by the third
+    choose = _ladder_of(monkeypatch, ([1.0, 2.004], [0.02, 0.02]), ([1.0, 2.0], [0.0005, 0.0005]))
+    assert choose(lf.Auto(tolerance=0.003)).rung == 1  # by a second that is better than it needs
+    assert choose(lf.Auto(tolerance=0.0024)).rung == 2
 
 
 def test_each_value_by_its_own_sd(monkeypatch):

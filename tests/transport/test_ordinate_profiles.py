@@ -11,6 +11,7 @@ import layerfit as lf
 from layerfit.optics.frequencies import chebyshev_frequencies, interpolation
 from layerfit.scene.columns import to_columns
 from layerfit.solver import Domain
+from layerfit.transport.ordinate_profiles import _block
 
 TOP = {"sigma_a": 0.02, "sigma_s_prime": 1.0, "g": 0.8, "n": 1.4}
 HALF = lf.Stack([lf.HalfSpace("deep", **TOP)])
@@ -59,11 +60,46 @@ def test_points_interpolate_what_falls_off():
     def function(k):
         return 1.0 / ((1.0 + k) * (2.0 + k))
 
-    found = interpolation(24, 1.3, k) @ function(chebyshev_frequencies(24, 1.3))
+    found = interpolation(24, k, 1.3) @ function(chebyshev_frequencies(24, 1.3))
     assert np.max(np.abs(found - function(k))) <= 1e-6  # the first point is not quite at 0
     assert np.max(np.abs(chebyshev_frequencies(24, 1.3)[::2][1:] / chebyshev_frequencies(12, 1.3)[1:] - 1.0)) <= 1e-12
     points = chebyshev_frequencies(24, 1.3)
-    assert np.max(np.abs(interpolation(24, 1.3, points) - np.eye(24))) <= 1e-10
+    assert np.max(np.abs(interpolation(24, points, 1.3) - np.eye(24))) <= 1e-10
+
+
+def test_points_of_a_half_space_know_its_decay():
+    """A function of sqrt(k^2 + nu^2): the same points without the decay are worse by orders of magnitude, with too little of it no worse."""
+    k, nu = np.geomspace(1e-3, 1e3, 50), 0.05
+
+    def function(k):
+        return 1.0 / ((1.0 + np.sqrt(k**2 + nu**2)) * (2.0 + np.sqrt(k**2 + nu**2)))
+
+    worst = {}
+    for decay in (0.0, 0.5 * nu, nu):
+        points = chebyshev_frequencies(24, 1.3, decay)
+        worst[decay] = np.max(np.abs(interpolation(24, k, 1.3, decay) @ function(points) - function(k)))
+        assert np.max(np.abs(interpolation(24, points, 1.3, decay) - np.eye(24))) <= 1e-10
+        assert np.max(np.abs(points[::2][1:] / chebyshev_frequencies(12, 1.3, decay)[1:] - 1.0)) <= 1e-12
+    assert worst[nu] <= 1e-9
+    assert worst[0.5 * nu] <= worst[0.0]
+    assert worst[nu] <= 1e-3 * worst[0.0]
+
+
+def test_few_frequencies_reach_far_in_a_half_space():
+    """R at 20 transport mean free paths, a millionth of that near the source, from 24 frequencies; and of a range of stacks."""
+    stack = lf.Stack([lf.HalfSpace("deep", **(TOP | {"sigma_a": 0.1}))])
+    geometry, columns = lf.RadialReflectance(r=np.geomspace(0.5, 18.0, 12)), to_columns(stack)
+    exact, few = (lf.predict(stack, geometry, solver=lf.DiscreteOrdinates(streams=8, orders=3, frequencies=n))[0].values for n in (96, 24))
+    assert np.max(np.abs(few / exact - 1.0)) <= 5e-3
+    low, high = (eqx.tree_at(lambda c: (c.sigma_a, c.sigma_s_prime), columns, (f * columns.sigma_a, f * columns.sigma_s_prime)) for f in (0.2, 5.0))
+    forward = lf.DiscreteOrdinates(streams=8, orders=3, frequencies=32).forward(Domain(stack, low, high), [geometry], [(0.0, 0.0)])
+    assert np.max(np.abs(forward(columns)[0] / exact - 1.0)) <= 2e-2
+
+
+def test_blocks_of_one_size():
+    """A smaller last block would be compiled anew."""
+    assert [_block(count) for count in (8, 16, 24, 32, 40, 48, 64)] == [8, 16, 12, 16, 10, 16, 16]
+    assert [_block(count) for count in (22, 34, 46)] == [11, 16, 16]  # of no good divisor
 
 
 SLAB = lf.Stack([lf.Layer("a", sigma_a=0.0, sigma_s_prime=1.0, g=0.5, n=1.4, thickness=1.0), lf.Layer("b", **TOP, thickness=1.5)], n_below=1.3)

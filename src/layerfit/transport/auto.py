@@ -43,8 +43,8 @@ class Candidate(NamedTuple):
 class Auto(Solver):
     """The cheapest solver whose error is small enough: diffusion where it is known to hold, else discrete ordinates, coarse before fine.
 
-    A solver is good enough by its own statement, or where the next finer one differs by half of what is allowed or less. In a fit the data say how
-    much, value by value; the choice is made at the start and looked at again at the result.
+    A solver is good enough by its own statement, or where the next finer one, which is off itself, differs by no more than leaves room for that. In a
+    fit the data say how much is allowed, value by value; the choice is made at the start and looked at again at the result.
 
     Arguments
     ---------
@@ -158,14 +158,12 @@ def candidate(solver: Solver, stack: Stack, geometries: Sequence[Geometry]) -> C
     return Candidate(solver, _share(errors, values), values, time.perf_counter() - start)
 
 
-_CAUTION = 2.0  # the better of two rungs is wrong too
-
-
 def _shown(rung: Candidate, better: Candidate) -> Candidate:
-    """A rung with its errors as the next one shows them."""
+    """A rung with its errors as the next one shows them: the difference, and what that one is off by its own statement, at most as much again."""
     if rung.values is None or better.values is None:
         return rung
-    return rung._replace(errors=_share(_CAUTION * (rung.values - better.values), better.values), checked=better.solver)
+    apart = _share(rung.values - better.values, better.values)
+    return rung._replace(errors=apart + np.minimum(apart, better.errors), checked=better.solver)
 
 
 def _share(errors: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -32,7 +32,7 @@ class DiscreteOrdinates(Solver):
         takes at least 8). Left out: 32 to 128, by g and the indices.
         For distances and spatial frequencies 16 to 56.
     orders : azimuthal orders of light that walks sideways, at least 2. Left out: 5 or 6. Totals and angles take what they need.
-    frequencies : at which distances are computed, even, at least 8. Left out: 32 to 64.
+    frequencies : at which distances are computed, even, at least 8. Left out: 24 to 64.
     layers : how many are modelled, from the top, the last of them as if it were endless. Left out: all.
     phase : tabulated Legendre moments (1, g, ...) of the phase functions of layers, by layer name, in place of Henyey and Greenstein's.
 

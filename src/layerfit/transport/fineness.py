@@ -22,6 +22,7 @@ _THIN, _SLAB = 0.3, 3.0  # transport optical thickness of a layer, and of a whol
 _WIDE = 4.0  # ratio of scales from which more frequencies are needed
 _FAR = 20.0  # and from which more directions are
 _ABSORBING = 0.2  # share of absorption in the extinction of all layers from which R(r) falls steeply
+_DARK = 0.1  # share in the half space at the bottom from which more frequencies are needed
 _FORWARD = 0.85  # g
 
 
@@ -47,7 +48,10 @@ def fineness(
         enough, most, count = 32, 5, 64
     else:
         enough, most = 32 if thin else 24 if forward or far else 16, 5
-        count = 48 if wide or thin or absorbing else 32
+        if low.half_space and not thin:
+            count = 40 if absorbing or far else 32 if wide or forward or float(mean.sigma_a[-1] / mean.sigma_t_prime[-1]) > _DARK else 24
+        else:
+            count = 48 if wide or thin or absorbing else 32
     layout = _resolved(domain, lay_out(domain, streams or enough, 1, tables))
     return Fineness(replace(layout, orders=min(orders or most, layout.terms)), frequencies or count, slab or guiding)
 

@@ -32,7 +32,7 @@ from .ordinate_stack import Grid, Layout, make_faces, make_grid, medium, middle
 from .response import Response
 from .spectral import Functional, aperture, functional
 
-_BLOCK = 16  # frequencies worked on at a time
+_BLOCK = 16  # frequencies worked on at a time, at most
 _BASELINE = LayeredDiffusion(source="exponential", boundary="partial_current")
 _DIRECTIONS = 192  # of exit, in the exact part
 _AZIMUTHS = 64
@@ -78,11 +78,13 @@ def plan_profile(domain: Domain, geometry: Geometry, shift: tuple[float, float],
     scale = _scale(mean)
     baseline = _BASELINE if diffusion_helps(domain, geometry) else None
     if isinstance(geometry, Radial):
-        points = chebyshev_frequencies(count, scale)
+        deep = baseline is not None and mean.half_space and not fineness.along
+        spread = _deep_spread(domain) if deep else (scale, 0.0)
+        points = chebyshev_frequencies(count, *spread)
         rule = functional(geometry, shift, _span(domain, baseline, scale))
         kept = _smoothing(geometry, shift, mean, points) if fineness.along else np.ones((geometry.size, count))
-        from_points = rule.weights @ interpolation(count, scale, rule.k) * kept
-        from_half = rule.weights @ interpolation(count // 2, scale, rule.k) * kept[:, ::2]
+        from_points = rule.weights @ interpolation(count, rule.k, *spread) * kept
+        from_half = rule.weights @ interpolation(count // 2, rule.k, *spread) * kept[:, ::2]
         rings = _rings(rule)
     else:
         rule = functional(geometry, shift, None)
@@ -140,6 +142,21 @@ def _scale(columns: Columns) -> float:
     dense, clear = scales(columns)
     thin = 0.0 if columns.half_space else 1.0 / float(np.sum(np.asarray(columns.thickness)))
     return max(float(np.sqrt(dense * max(clear, 0.01 * dense))), thin)
+
+
+_DEEP = 3.0
+
+
+def _deep_spread(domain: Domain) -> tuple[float, float]:
+    """Scale and decay of the points for what diffusion leaves of a half space.
+
+    Three times the scale is where the fewest points are enough; in a wide domain, of the mean of its two middles. The decay is the smallest of
+    diffuse light at the bottom: with more than the true one the far tail is lost, with less little is.
+    """
+    low, high = domain.low, domain.high
+    centre = jax.tree.map(lambda a, b: jnp.sqrt(jnp.maximum(a, 1e-4 * b) * b), low, high)
+    scale = _DEEP * float(np.sqrt(_scale(middle(domain)) * _scale(centre)))
+    return scale, float(np.sqrt(3.0 * low.sigma_a[-1] * low.sigma_t_prime[-1]))
 
 
 @compiled
@@ -222,7 +239,7 @@ def _values(plan: ProfilePlan, columns: Columns, shift: Float[Array, ""] | None)
     path = ordinate_path(columns, grid, numbers, sheets, collected, plan.above)
     sample = Sample(sheets, faces, collected, path, columns.half_space, plan.above)
     points = jnp.asarray(plan.points)
-    lacking = values(sample, points, plan.closing, plan.steps, min(_BLOCK, points.size))
+    lacking = values(sample, points, plan.closing, plan.steps, _block(points.size))
     smooth = 0.0
     if plan.baseline is not None:
         k = jnp.concatenate([points, jnp.asarray(plan.functional.k)])
@@ -238,6 +255,12 @@ def _values(plan: ProfilePlan, columns: Columns, shift: Float[Array, ""] | None)
     rest = smooth + once + plan.functional.direct * unscattered(sample)
     half = lacking[..., ::2] if plan.rings is not None else lacking
     return plan.functional.at(shift, plan.from_points @ lacking + rest), plan.functional.at(shift, plan.from_half @ half + rest)
+
+
+def _block(count: int) -> int:
+    """Frequencies worked on at a time: blocks of one size, since a smaller last one would be a program of its own."""
+    equal = max(size for size in range(1, _BLOCK + 1) if count % size == 0)
+    return equal if 2 * equal >= _BLOCK else min(_BLOCK, count)
 
 
 _profile = compiled(_values)
