@@ -46,6 +46,11 @@ class Evaluation(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
+def relative_errors(errors: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Absolute errors as shares of values of the same shape [1]; one that is no number counts as infinite."""
+    return np.nan_to_num(np.abs(errors) / np.maximum(np.abs(values), 1e-300), nan=np.inf, posinf=np.inf)
+
+
 _compiled = compiled(lambda forward, columns: forward(columns))
 
 

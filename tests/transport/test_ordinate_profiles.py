@@ -65,6 +65,7 @@ def test_points_interpolate_what_falls_off():
     assert np.max(np.abs(chebyshev_frequencies(24, 1.3)[::2][1:] / chebyshev_frequencies(12, 1.3)[1:] - 1.0)) <= 1e-12
     points = chebyshev_frequencies(24, 1.3)
     assert np.max(np.abs(interpolation(24, points, 1.3) - np.eye(24))) <= 1e-10
+    assert np.max(np.abs(interpolation(24, np.zeros(1), 1.3) @ function(points) - function(0.0))) <= 1e-5
 
 
 def test_points_of_a_half_space_know_its_decay():

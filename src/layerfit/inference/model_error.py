@@ -17,7 +17,7 @@ import numpy as np
 
 from ..measurement.geometry import Angular, Geometry, Radial, SpatialFrequency
 from ..scene.columns import Columns
-from ..solver import Forward
+from ..solver import Forward, relative_errors
 
 LENGTH = 0.6  # of the correlation, in the logarithm of the distance (angles: in radians)
 _NEAREST, _FURTHEST = 0.05, 20.0  # transport mean free paths between which distance matters
@@ -33,8 +33,7 @@ def stated_errors(forward: Forward, columns: Columns) -> list[np.ndarray | None]
         if errors is None:
             shares.append(None)
             continue
-        share = np.abs(errors) / np.maximum(np.abs(values), 1e-300)
-        shares.append(np.minimum(np.nan_to_num(share, nan=_LARGEST, posinf=_LARGEST), _LARGEST))
+        shares.append(np.minimum(relative_errors(errors, values), _LARGEST))
     return shares
 
 

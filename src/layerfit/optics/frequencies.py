@@ -11,7 +11,9 @@ _FIRST = 1e-6  # k/c in place of 0, where a half space without absorption has a 
 
 
 def chebyshev_frequencies(count: int, scale: float, decay: float = 0.0) -> np.ndarray:
-    """The points without the last one, k = inf, where spectra are 0 [rad/mm]. scale : c [rad/mm]. decay : nu, not above the true one [1/mm].
+    """The points without the last one, k = inf, where spectra are 0: (count,) [rad/mm].
+
+    scale : c [rad/mm]. decay : nu, not above the true one [1/mm].
 
     >>> chebyshev_frequencies(4, 1.0).round(3).tolist()
     [0.0, 0.172, 1.0, 5.828]
@@ -24,7 +26,7 @@ def chebyshev_frequencies(count: int, scale: float, decay: float = 0.0) -> np.nd
 
 
 def interpolation(count: int, k: np.ndarray, scale: float, decay: float = 0.0) -> np.ndarray:
-    """Values at any k from those at the points: (k, points).
+    """Values at any k [rad/mm] from those at the points of the same count, scale and decay: (k, points).
 
     References
     ----------
@@ -42,5 +44,5 @@ def interpolation(count: int, k: np.ndarray, scale: float, decay: float = 0.0) -
 
 
 def _along(k: np.ndarray, decay: float) -> np.ndarray:
-    """s, without the cancellation at small k."""
-    return k**2 / (np.sqrt(k**2 + decay**2) + decay)
+    """s [rad/mm], without the cancellation at small k, 0 at k = 0."""
+    return k**2 / np.maximum(np.sqrt(k**2 + decay**2) + decay, 1e-300)

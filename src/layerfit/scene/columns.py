@@ -38,6 +38,11 @@ class Columns(eqx.Module):
         """Reduced extinction coefficient [1/mm]."""
         return self.sigma_a + self.sigma_s_prime
 
+    @property
+    def sigma_tr(self) -> Float[Array, "layers"]:
+        """Effective attenuation coefficient sqrt(3 sigma_a sigma_t') [1/mm]; its slope at sigma_a = 0 is infinite."""
+        return jnp.sqrt(3.0 * self.sigma_a * self.sigma_t_prime)
+
 
 def to_columns(stack: Stack, *, rough_faces: tuple[bool, ...] | None = None) -> Columns:
     """The columns of a stack.

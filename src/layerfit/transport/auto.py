@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..measurement.geometry import Geometry
 from ..scene.columns import to_columns
 from ..scene.stack import Stack
-from ..solver import Choice, Domain, Forward, Resolution, Solver
+from ..solver import Choice, Domain, Forward, Resolution, Solver, relative_errors
 from .diffusion_error import known_error
 from .discrete_ordinates import DiscreteOrdinates
 from .layered_diffusion import LayeredDiffusion
@@ -148,31 +148,23 @@ def candidate(solver: Solver, stack: Stack, geometries: Sequence[Geometry]) -> C
     """A solver tried on a scene: diffusion by what is known of it, others by running them."""
     columns = to_columns(stack)
     if isinstance(solver, LayeredDiffusion):
-        return Candidate(solver, _finite(np.concatenate([known_error(columns, geometry) for geometry in geometries])))
+        known = np.concatenate([known_error(columns, geometry) for geometry in geometries])
+        return Candidate(solver, np.nan_to_num(known, nan=np.inf, posinf=np.inf))
     forward = solver.forward(Domain(stack, columns, columns), geometries, [(0.0, 0.0)] * len(geometries))
     found = forward.evaluate(columns)
     values = np.concatenate(found.values)
     errors = np.concatenate([np.full(v.size, np.inf) if e is None else e for v, e in zip(found.values, found.errors, strict=True)])
     start = time.perf_counter()
     jax.block_until_ready(forward.run(columns))
-    return Candidate(solver, _share(errors, values), values, time.perf_counter() - start)
+    return Candidate(solver, relative_errors(errors, values), values, time.perf_counter() - start)
 
 
 def _shown(rung: Candidate, better: Candidate) -> Candidate:
     """A rung with its errors as the next one shows them: the difference, and what that one is off by its own statement, at most as much again."""
     if rung.values is None or better.values is None:
         return rung
-    apart = _share(rung.values - better.values, better.values)
+    apart = relative_errors(rung.values - better.values, better.values)
     return rung._replace(errors=apart + np.minimum(apart, better.errors), checked=better.solver)
-
-
-def _share(errors: np.ndarray, values: np.ndarray) -> np.ndarray:
-    return _finite(np.abs(errors) / np.maximum(np.abs(values), 1e-300))
-
-
-def _finite(errors: np.ndarray) -> np.ndarray:
-    """An error that is no number counts as infinite."""
-    return np.nan_to_num(errors, nan=np.inf, posinf=np.inf)
 
 
 def _why(taken: Candidate, passed_over: list[Candidate], allowed: np.ndarray | float, refused: str) -> str:

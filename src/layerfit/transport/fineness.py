@@ -48,10 +48,13 @@ def fineness(
         enough, most, count = 32, 5, 64
     else:
         enough, most = 32 if thin else 24 if forward or far else 16, 5
-        if low.half_space and not thin:
-            count = 40 if absorbing or far else 32 if wide or forward or float(mean.sigma_a[-1] / mean.sigma_t_prime[-1]) > _DARK else 24
-        else:
+        dark = float(mean.sigma_a[-1] / mean.sigma_t_prime[-1]) > _DARK
+        if thin or not low.half_space:
             count = 48 if wide or thin or absorbing else 32
+        elif absorbing or far:
+            count = 40
+        else:
+            count = 32 if wide or forward or dark else 24
     layout = _resolved(domain, lay_out(domain, streams or enough, 1, tables))
     return Fineness(replace(layout, orders=min(orders or most, layout.terms)), frequencies or count, slab or guiding)
 

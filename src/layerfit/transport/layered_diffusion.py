@@ -240,7 +240,7 @@ class LayeredDiffusion(SpectralSolver):
         low, high = domain.low, domain.high
         extinction = float(np.max(high.sigma_t_prime))
         # every definition of D is near 1/(3 sigma_t') or above it; half of that decay is a safe lower limit
-        k_low = 0.5 * float(np.min(np.sqrt(3.0 * low.sigma_a * low.sigma_t_prime)))
+        k_low = 0.5 * float(np.min(low.sigma_tr))
         thickness = float(np.sum(low.thickness)) if not low.half_space else np.inf
         source_depth = min(1.0 / extinction, 0.5 * max(thickness, 1e-9 / extinction))
         k_high = 38.0 / source_depth

@@ -131,7 +131,7 @@ class Multipole(SpectralSolver):
     def span(self, domain: Domain) -> Span:
         low, high = domain.low, domain.high
         extinction = float(np.max(high.sigma_t_prime))
-        k_low = float(np.min(np.sqrt(3.0 * low.sigma_a * low.sigma_t_prime)))
+        k_low = float(np.min(low.sigma_tr))
         k_high = 38.0 * extinction
         if low.thickness.shape[0] > 0:  # the source's distance from the lower face
             l = 1.0 / np.asarray(high.sigma_t_prime)[: low.thickness.shape[0]]

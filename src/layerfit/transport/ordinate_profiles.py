@@ -156,7 +156,7 @@ def _deep_spread(domain: Domain) -> tuple[float, float]:
     low, high = domain.low, domain.high
     centre = jax.tree.map(lambda a, b: jnp.sqrt(jnp.maximum(a, 1e-4 * b) * b), low, high)
     scale = _DEEP * float(np.sqrt(_scale(middle(domain)) * _scale(centre)))
-    return scale, float(np.sqrt(3.0 * low.sigma_a[-1] * low.sigma_t_prime[-1]))
+    return scale, float(low.sigma_tr[-1])
 
 
 @compiled

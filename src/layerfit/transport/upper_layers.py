@@ -66,7 +66,7 @@ def visible_layers(domain: Domain, geometries: Sequence[Geometry], share: np.nda
     if any(geometry.side == "below" for geometry in geometries) or total < 2 or solver.refusal(stack, geometries) is not None:
         return total
     low, high = domain.low, domain.high
-    depth = np.cumsum(np.asarray(low.thickness) * np.sqrt(3.0 * np.asarray(low.sigma_a) * np.asarray(low.sigma_t_prime))[: low.thickness.size])
+    depth = np.cumsum(np.asarray(low.thickness) * np.asarray(low.sigma_tr)[: low.thickness.size])
     deep_enough = [count for count in range(1, total) if 2.0 * depth[count - 1] >= -np.log(np.max(share))]  # there and back
     if not deep_enough:
         return total
