@@ -13,6 +13,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float
 
+from ..arrays import AnyArray
 from .gauss import legendre, unit_gauss
 
 _GAP = 1e-6  # two indices that are free to differ are kept this far apart, or a panel would have no width (and its weights no derivative)
@@ -87,6 +88,19 @@ def ordinates(n: Float[Array, "media"], groups: tuple[int, ...], counts: tuple[i
     return Ordinates(n, jnp.concatenate(W), jnp.concatenate(p), mu, real, top)
 
 
+def node_polynomials(count: int, y: AnyArray) -> AnyArray:
+    """Lagrange polynomials of the nodes of a panel, at y in (0, 1): (count, *y.shape).
+
+    >>> node_polynomials(3, unit_gauss(3)[0]).round(12) + 0.0
+    array([[1., 0., 0.],
+           [0., 1., 0.],
+           [0., 0., 1.]])
+    """
+    x, weight = unit_gauss(count)
+    table = np.polynomial.legendre.legvander(2.0 * x - 1.0, count - 1) * weight[:, None] * (2.0 * np.arange(count) + 1.0)
+    return sum(np.expand_dims(table[:, l], tuple(range(1, np.ndim(y) + 1))) * value for l, value in enumerate(legendre(2.0 * y - 1.0, count)))  # pyright: ignore[reportReturnType]
+
+
 def collected_share(rule: Ordinates, counts: tuple[int, ...], medium: int, na: float) -> Float[Array, "ordinates"]:
     """Share of each direction's weight for light that leaves with n sin(theta) up to na: radiance is interpolated within the panel that na cuts.
 
@@ -101,9 +115,7 @@ def collected_share(rule: Ordinates, counts: tuple[int, ...], medium: int, na: f
         cut = jnp.sqrt(jnp.clip((high - na) * (high + na) / span2, 0.0, 1.0))  # directions are collected from this x to 1
         y, w = unit_gauss(count + 1)
         y = cut + (1.0 - cut) * y
-        basis = np.polynomial.legendre.legvander(2.0 * x - 1.0, count - 1) * weight[:, None] * (2.0 * np.arange(count) + 1.0)
-        at = jnp.stack(legendre(2.0 * y - 1.0, count))
-        shares.append(basis @ at @ ((1.0 - cut) * w * y) / (weight * x) * (high <= n))
+        shares.append(node_polynomials(count, y) @ ((1.0 - cut) * w * y) / (weight * x) * (high <= n))
         low = high
     return jnp.concatenate(shares)
 

@@ -27,9 +27,12 @@ _FORWARD = 0.85  # g
 
 
 def fineness(
-    domain: Domain, tables: tuple[tuple[float, ...] | None, ...], streams: int | None, orders: int | None, frequencies: int | None
+    domain: Domain, tables: tuple[tuple[float, ...] | None, ...], below: bool, streams: int | None, orders: int | None, frequencies: int | None
 ) -> Fineness:
-    """What is asked for; else what was found to be enough for 0.5 % beyond half a transport mean free path."""
+    """What is asked for; else what was found to be enough for 0.5 % beyond half a transport mean free path.
+
+    below : whether light that has crossed the sample is looked at.
+    """
     low, high = domain.low, domain.high
     depth = np.asarray(low.thickness * low.sigma_t_prime[: low.thickness.shape[0]])
     thin, slab = bool(np.any(depth < _THIN)), not low.half_space and float(np.sum(depth)) < _SLAB
@@ -45,7 +48,7 @@ def fineness(
     elif guiding:
         enough, most, count = 40 if low.half_space else 56, 5, 48
     elif wide and not low.half_space:
-        enough, most, count = 32, 5, 64
+        enough, most, count = (32, 5, 64) if below else (24, 5, 48)
     else:
         enough, most = 32 if thin else 24 if forward or far else 16, 5
         dark = float(mean.sigma_a[-1] / mean.sigma_t_prime[-1]) > _DARK

@@ -12,8 +12,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 
+from ..arrays import AnyArray
 from ..optics.linear_algebra import inverse
 
 
@@ -31,11 +32,11 @@ class Sheet(NamedTuple):
     decay: Float[Array, ""]
 
 
-def matrices(sheet: Sheet, k: Float[Array, ""], closing: Float[Array, "n"]) -> tuple[Float[Array, "c c"], Float[Array, "c c"]]:
-    """A and B at spatial frequency k [1/mm]. closing : handed on by the last order, by direction."""
+def matrices(sheet: Sheet, k: Float[Array, ""], share: Float[Array, "n"]) -> tuple[Float[Array, "c c"], Float[Array, "c c"]]:
+    """A and B at spatial frequency k [1/mm]. share : see `Closing`."""
     orders = sheet.P.shape[0]
     last = jnp.zeros((orders, orders)).at[-1, -1].set(0.5)
-    sideways = k * (jnp.kron(coupling(orders), jnp.diag(sheet.tangent)) + jnp.kron(last, jnp.diag(closing * sheet.tangent)))
+    sideways = k * (jnp.kron(coupling(orders), jnp.diag(sheet.tangent)) + jnp.kron(last, jnp.diag(share * sheet.tangent)))
     return tuple(_bordered(all_orders(diagonal) + sideways, -border, sheet.rate) for diagonal, border in ((sheet.P, sheet.p), (sheet.M, sheet.q)))  # pyright: ignore[reportReturnType]
 
 
@@ -50,22 +51,32 @@ def coupling(orders: int) -> np.ndarray:
 
     Cut off, the chain reflects what should run on to higher orders: at large k that converges slowly. An unscattered chain hands on the share
     rho = sqrt(1 + x^2) - x, x = 1/(k tan theta) in mean free paths; half of such a share stands at the end of the chain of each direction
-    (`closing`), and three or four orders then do what eight would without it.
+    (`Closing`), and three or four orders then do what eight would without it.
     """
     steps = np.full(orders - 1, 0.5)
     steps[:1] = np.sqrt(0.5)
     return np.diag(steps, -1) - np.diag(steps, 1)
 
 
-def azimuth_modes(orders: int, closing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalues of the coupling and the share of each in what comes back to order 0: cosines of azimuths, times i, with their weights.
+class Closing(NamedTuple):
+    """How the chain of azimuthal orders ends, for each direction (and frequency, before these are mapped over).
 
-    closing : handed on by the last order, of any shape, which leads in the result.
+    share : handed on by the last order. modes : eigenvalues of the chain, cosines of azimuths, times i. vectors, inverse : orders of each mode, and
+    how much of each mode the orders make.
     """
-    chain = np.zeros((*closing.shape, orders, orders), complex) + coupling(orders)
-    chain[..., -1, -1] = 0.5 * closing
+
+    share: Float[AnyArray, "*k n"]
+    modes: Complex[AnyArray, "*k n o"]
+    vectors: Complex[AnyArray, "*k n o o"]
+    inverse: Complex[AnyArray, "*k n o o"]
+
+
+def closing(orders: int, share: np.ndarray) -> Closing:
+    """The chain with its modes. share : see `Closing`."""
+    chain = np.zeros((*share.shape, orders, orders), complex) + coupling(orders)
+    chain[..., -1, -1] = 0.5 * share
     modes, vectors = np.linalg.eig(chain)
-    return modes, vectors[..., 0, :] * np.linalg.inv(vectors)[..., :, 0]
+    return Closing(share, modes, vectors, np.linalg.inv(vectors))
 
 
 def _bordered(square: Float[Array, "c c"], fed: Float[Array, "n"], corner: Float[Array, ""]) -> Float[Array, "c1 c1"]:
@@ -111,7 +122,7 @@ def deep_steps(ratio: float) -> int:
 
 
 def thick_layer(
-    sheet: Sheet, k: Float[Array, ""], closing: Float[Array, "n"], steps: int, deep: Float[Array, ""]
+    sheet: Sheet, k: Float[Array, ""], share: Float[Array, "n"], steps: int, deep: Float[Array, ""]
 ) -> tuple[Float[Array, "c c"], Float[Array, "c c"]]:
     """R and T of a layer that dims a beam by half or more, by doubling Y and Z; of a half space where ``deep`` is 1 (0 elsewhere).
 
@@ -122,7 +133,7 @@ def thick_layer(
     ----------
     R. Byers, Linear Algebra Appl. 85, 267 (1987); N. J. Higham, Functions of Matrices (2008), section 5.5.
     """
-    A, B = matrices(sheet, k, closing)
+    A, B = matrices(sheet, k, share)
     Y, Z = _rational(A, B, 0.5 * sheet.depth / 2.0**steps)
     Y, Z = (jnp.where(deep, whole, start) for whole, start in ((A, Y), (B, Z)))
     fastest = jax.lax.stop_gradient(jnp.max(jnp.sum(jnp.abs(A), axis=1)) * jnp.max(jnp.sum(jnp.abs(B), axis=1)))
@@ -141,9 +152,9 @@ def thick_layer(
     return jnp.where(deep, R + T, R), jnp.where(deep, 0.0, T)
 
 
-def thin_layer(sheet: Sheet, k: Float[Array, ""], closing: Float[Array, "n"], steps: int) -> tuple[Float[Array, "c c"], Float[Array, "c c"]]:
+def thin_layer(sheet: Sheet, k: Float[Array, ""], share: Float[Array, "n"], steps: int) -> tuple[Float[Array, "c c"], Float[Array, "c c"]]:
     """R and T of a layer that may be clear, by doubling R and T: there Y and Z have poles, where light sideways has gone through half a period."""
-    A, B = matrices(sheet, k, closing)
+    A, B = matrices(sheet, k, share)
     one = jnp.eye(A.shape[0])
 
     def double(pair, _):

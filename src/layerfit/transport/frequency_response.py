@@ -11,10 +11,11 @@ from jaxtyping import Float
 
 from ..arrays import AnyArray
 from ..scene.columns import Columns
+from .crossing import Crossing, Fine, rays, rays_between
 from .discrete_ordinates_layer import Directions, problem, scattering
-from .frequency_layer import Sheet, all_orders, thick_layer, thin_layer
+from .frequency_layer import Closing, Sheet, all_orders, thick_layer, thin_layer
 from .matrix import Matrix
-from .once_scattered import Path, spectrum
+from .once_scattered import Path, spectrum_of_ordinates
 from .ordinate_stack import Grid, Layout, Medium
 from .response import Nothing, Response, between, compose_all, reflection
 
@@ -27,24 +28,19 @@ class Steps(NamedTuple):
     of_thick: int
 
 
-class Closing(NamedTuple):
-    """How the chain of azimuthal orders ends, for each frequency and direction. share : handed on. modes, shares : `azimuth_modes` of it."""
-
-    share: AnyArray
-    modes: AnyArray
-    shares: AnyArray
-
-
 class Sample(eqx.Module):
     """All that the spectrum needs of a stack and does not depend on k.
 
-    collected : weight of each outgoing ordinate. faces : see `ordinate_stack.make_faces`. path : of light scattered once.
+    collected : weight of each outgoing ordinate. faces : see `ordinate_stack.make_faces`. path : of light scattered once. fine : directions between
+    the ordinates. open : layers that light crosses unscattered, so that these count.
     """
 
     sheets: tuple[Sheet, ...]
     faces: tuple[Response[Matrix], ...]
     collected: Float[Array, "n"]
     path: Path
+    fine: Fine
+    open: tuple[bool, ...] = eqx.field(static=True)
     half_space: bool = eqx.field(static=True)
     above: bool = eqx.field(static=True)
 
@@ -92,7 +88,19 @@ def _whole(face: Response[Matrix], orders: int) -> Response[Matrix]:
     return Response(*(one(operator) for operator in (face.R_above, face.R_below, face.T_down, face.T_up)))
 
 
-def _layers(sample: Sample, k: Float[Array, ""], closing: AnyArray, steps: Steps) -> list[tuple[Matrix, Matrix]]:
+def _crossings(sample: Sample, k: Float[Array, ""], closing: Closing) -> list[Crossing]:
+    """Of the finite layers, top first."""
+    path, orders = sample.path, sample.sheets[0].P.shape[0]
+    return [
+        Crossing(
+            rays(k, path.out[i], path.tangent[i], depth, closing),
+            rays_between(sample.fine, i, k, path.beam[i], depth, orders) if sample.open[i] else None,
+        )
+        for i, depth in enumerate(path.thickness)
+    ]
+
+
+def _layers(sample: Sample, k: Float[Array, ""], share: AnyArray, steps: Steps, crossings: list[Crossing]) -> list[tuple[Matrix, Matrix]]:
     """R and T of all layers, top first; those of a kind side by side."""
     kinds = [np.flatnonzero(np.array(steps.thin) == kind) for kind in (True, False)]
     deep = np.zeros(len(sample.sheets))
@@ -101,24 +109,27 @@ def _layers(sample: Sample, k: Float[Array, ""], closing: AnyArray, steps: Steps
     def of(kind: np.ndarray) -> Sheet:
         return jax.tree.map(lambda *rows: jnp.stack(rows), *(sample.sheets[i] for i in kind))
 
-    found: dict[int, tuple[Matrix, Matrix]] = {}
+    found: dict[int, tuple[Array, Array]] = {}
     if kinds[0].size:
-        R, T = jax.vmap(lambda sheet: thin_layer(sheet, k, closing, steps.of_thin))(of(kinds[0]))
-        found |= {int(i): (Matrix(R[j]), Matrix(T[j])) for j, i in enumerate(kinds[0])}
+        R, T = jax.vmap(lambda sheet: thin_layer(sheet, k, share, steps.of_thin))(of(kinds[0]))
+        found |= {int(i): (R[j], T[j]) for j, i in enumerate(kinds[0])}
     if kinds[1].size:
-        R, T = jax.vmap(lambda sheet, deep: thick_layer(sheet, k, closing, steps.of_thick, deep))(of(kinds[1]), deep[kinds[1]])
-        found |= {int(i): (Matrix(R[j]), Matrix(T[j])) for j, i in enumerate(kinds[1])}
-    return [found[i] for i in range(len(sample.sheets))]
+        R, T = jax.vmap(lambda sheet, deep: thick_layer(sheet, k, share, steps.of_thick, deep))(of(kinds[1]), deep[kinds[1]])
+        found |= {int(i): (R[j], T[j]) for j, i in enumerate(kinds[1])}
+    for i, crossing in enumerate(crossings):
+        R, T = found[i]
+        found[i] = R, T.at[:-1, :-1].add(crossing.lacking())
+    return [(Matrix(R), Matrix(T)) for R, T in (found[i] for i in range(len(sample.sheets)))]
 
 
-def seen(sample: Sample, k: Float[Array, ""], closing: AnyArray, steps: Steps) -> Float[Array, "c"]:
+def seen(sample: Sample, k: Float[Array, ""], share: AnyArray, steps: Steps, crossings: list[Crossing]) -> Float[Array, "c"]:
     """What a beam of power 1 sends out into all directions, orders and the beam, the first-surface reflection left out.
 
     From the bottom up, with one loop over faces and layers, all alike: a program of the same length for any number of layers.
     """
     orders = sample.sheets[0].P.shape[0]
     parts = []
-    for i, (R, T) in enumerate(_layers(sample, k, closing, steps)):
+    for i, (R, T) in enumerate(_layers(sample, k, share, steps, crossings)):
         if not isinstance(sample.faces[i], Nothing) or i == 0:
             parts.append(_whole(sample.faces[i], orders))
         parts.append(Response(R, R, T, T))
@@ -137,9 +148,9 @@ def seen(sample: Sample, k: Float[Array, ""], closing: AnyArray, steps: Steps) -
 
 def scattered_often(sample: Sample, k: Float[Array, ""], closing: Closing, steps: Steps) -> Float[Array, ""]:
     """What leaves one side at spatial frequency k without the beam itself and the light that was scattered once and left straight away."""
-    return sample.collected @ seen(sample, k, closing.share, steps)[: sample.collected.shape[0]] - spectrum(
-        sample.path, k, closing.modes, closing.shares
-    )
+    crossings = _crossings(sample, k, closing)
+    all_light = sample.collected @ seen(sample, k, closing.share, steps, crossings)[: sample.collected.shape[0]]
+    return all_light - spectrum_of_ordinates(sample.path, k, closing, crossings)
 
 
 def unscattered(sample: Sample) -> Float[Array, ""]:

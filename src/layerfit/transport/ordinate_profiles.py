@@ -22,9 +22,10 @@ from ..optics.hankel import Span
 from ..optics.quadrature import collected_share
 from ..scene.columns import Columns
 from ..solver import Domain, Evaluation, Forward
+from .crossing import fine_directions
 from .fineness import Fineness, scales
-from .frequency_layer import azimuth_modes, deep_steps
-from .frequency_response import Closing, Sample, Steps, make_sheets, unscattered, values
+from .frequency_layer import Closing, closing, deep_steps
+from .frequency_response import Sample, Steps, make_sheets, unscattered, values
 from .layered_diffusion import LayeredDiffusion
 from .matrix import Matrix
 from .once_scattered import even_azimuths, exact_path, ordinate_path, profile, spectrum
@@ -49,17 +50,17 @@ class _Rings(eqx.Module):
 class ProfilePlan(eqx.Module):
     """One geometry with all that does not depend on the free numbers of the stack.
 
-    points : frequencies [rad/mm] of the transport part; from_points, from_half : values from the spectrum there, and from every other one of them.
+    points : frequencies [rad/mm] of the transport part. from_points : values from the spectrum there, from every other one of them, and so on.
     rings : of the part scattered once; none in spatial frequency. optics : directions and faces, where they are the same for all stacks.
     """
 
     geometry: Geometry
     layout: Layout
     steps: Steps = eqx.field(static=True)
+    open: tuple[bool, ...] = eqx.field(static=True)
     points: Float[AnyArray, "points"]
     closing: Closing
-    from_points: Float[AnyArray, "..."]
-    from_half: Float[AnyArray, "..."]
+    from_points: tuple[Float[AnyArray, "..."], ...]
     functional: Functional
     baseline: LayeredDiffusion | None
     rings: _Rings | None
@@ -83,17 +84,27 @@ def plan_profile(domain: Domain, geometry: Geometry, shift: tuple[float, float],
         points = chebyshev_frequencies(count, *spread)
         rule = functional(geometry, shift, _span(domain, baseline, scale))
         kept = _smoothing(geometry, shift, mean, points) if fineness.along else np.ones((geometry.size, count))
-        from_points = rule.weights @ interpolation(count, rule.k, *spread) * kept
-        from_half = rule.weights @ interpolation(count // 2, rule.k, *spread) * kept[:, ::2]
+        steps = [step for step in (1, 2, 4) if count % step == 0]
+        from_points = tuple(rule.weights @ interpolation(count // step, rule.k, *spread) * kept[:, ::step] for step in steps)
         rings = _rings(rule)
     else:
         rule = functional(geometry, shift, None)
         points, baseline, rings = np.maximum(rule.k, 1e-6 * scale), None, None
-        from_points = from_half = rule.weights
+        from_points = (rule.weights,)
     steps = _steps(domain, optics[0], float(points[-1]))
-    closing = _closing(layout, optics[0], mean, points, fineness.along)
+    ends = _closing(layout, optics[0], mean, points, fineness.along)
     return ProfilePlan(
-        geometry, layout, steps, points, closing, from_points, from_half, rule, baseline, rings, optics if domain.fixed_optics else None
+        geometry,
+        layout,
+        steps,
+        _open(domain, layout),
+        points,
+        ends,
+        from_points,
+        rule,
+        baseline,
+        rings,
+        optics if domain.fixed_optics else None,
     )
 
 
@@ -111,6 +122,22 @@ def _smoothing(geometry: Radial, shift: tuple[float, float], columns: Columns, p
     width = np.minimum(_SMOOTHED * np.maximum(r, 0.0), _LARGEST / float(np.max(np.asarray(columns.sigma_t_prime))))
     x = (width[:, None] * points) ** 2
     return np.exp(-x) * (1.0 + x + 0.5 * x**2)
+
+
+_OPEN, _DULL = 4.0, 1.0
+
+
+def _open(domain: Domain, layout: Layout) -> tuple[bool, ...]:
+    """Layers that light crosses unscattered in a share that matters, from or to others that scatter it.
+
+    Light trapped between two faces crosses so often that its directions, projected each time, are lost: there ordinates alone do better.
+    """
+    low = domain.low
+    finite = low.thickness.shape[0]
+    depth = np.asarray(medium(layout, low).extinction[:finite] * low.thickness)
+    dull = np.append(np.asarray(low.thickness * low.sigma_t_prime[:finite]), [np.inf] if low.half_space else [])
+    crossed = [depth[i] < _OPEN and max(np.sum(dull[:i]), np.sum(dull[i + 1 :])) > _DULL for i in range(finite)]
+    return (*map(bool, crossed), *[False] * low.half_space)
 
 
 _ENDLESS = 0.7
@@ -131,7 +158,7 @@ def _closing(layout: Layout, grid: Grid, columns: Columns, points: np.ndarray, a
         least = np.min(np.where(real, np.asarray(columns.sigma_t_prime)[:, None] / sine, np.inf), axis=0)
         x = least / points[:, None]
         share = np.sqrt(1.0 + x**2) - x
-    return Closing(share, *azimuth_modes(layout.orders, share))
+    return closing(layout.orders, share)
 
 
 def _scale(columns: Columns) -> float:
@@ -228,8 +255,8 @@ def _rings(rule: Functional) -> _Rings:
     return _Rings(np.concatenate(lows), np.concatenate(highs), joined)
 
 
-def _values(plan: ProfilePlan, columns: Columns, shift: Float[Array, ""] | None) -> tuple[Float[Array, "values"], Float[Array, "values"]]:
-    """The values, and the same from half the frequencies."""
+def _values(plan: ProfilePlan, columns: Columns, shift: Float[Array, ""] | None) -> tuple[Float[Array, "values"], ...]:
+    """The values, and the same from half the frequencies, and from a quarter."""
     geometry, layout, na = plan.geometry, plan.layout, aperture(plan.geometry)
     grid, faces = optics_of(layout, columns) if plan.optics is None else plan.optics
     numbers = medium(layout, columns)
@@ -237,7 +264,8 @@ def _values(plan: ProfilePlan, columns: Columns, shift: Float[Array, ""] | None)
     out = grid.root[0 if plan.above else -1]
     collected = out if na is None else out * collected_share(grid.rule, layout.counts, 0 if plan.above else -1, na)
     path = ordinate_path(columns, grid, numbers, sheets, collected, plan.above)
-    sample = Sample(sheets, faces, collected, path, columns.half_space, plan.above)
+    fine = fine_directions(grid.rule, layout.counts, columns.count)
+    sample = Sample(sheets, faces, collected, path, fine, plan.open, columns.half_space, plan.above)
     points = jnp.asarray(plan.points)
     lacking = values(sample, points, plan.closing, plan.steps, _block(points.size))
     smooth = 0.0
@@ -253,8 +281,9 @@ def _values(plan: ProfilePlan, columns: Columns, shift: Float[Array, ""] | None)
         exact = exact_path(columns, numbers, layout, na, plan.above, _AZIMUTHS)
         once = jax.vmap(lambda k: spectrum(exact, k, *even_azimuths(_AZIMUTHS)))(points)
     rest = smooth + once + plan.functional.direct * unscattered(sample)
-    half = lacking[..., ::2] if plan.rings is not None else lacking
-    return plan.functional.at(shift, plan.from_points @ lacking + rest), plan.functional.at(shift, plan.from_half @ half + rest)
+    return tuple(
+        plan.functional.at(shift, weights @ lacking[..., :: lacking.shape[-1] // weights.shape[-1]] + rest) for weights in plan.from_points
+    )
 
 
 def _block(count: int) -> int:
@@ -293,8 +322,13 @@ class ProfilesForward(Forward):
     def evaluate(self, columns: Columns) -> Evaluation:
         found, errors = [], []
         for plan, coarse in zip(self.plans, self.coarser, strict=True):
-            value, half = (np.asarray(v) for v in _profile(plan, columns, None))
+            values = [np.asarray(v) for v in _profile(plan, columns, None)]
             other = np.asarray(_profile(coarse, columns, None)[0])
-            found.append(value)
-            errors.append(np.abs(value - other) + np.abs(value - half))
+            found.append(values[0])
+            errors.append(np.abs(values[0] - other) + _unconverged(values))
         return Evaluation(tuple(found), tuple(errors))
+
+
+def _unconverged(values: list[np.ndarray]) -> np.ndarray:
+    """What values still lack for want of frequencies. values : from all, from every other one, from every fourth."""
+    return np.abs(values[0] - values[1]) if len(values) > 1 else np.zeros_like(values[0])
