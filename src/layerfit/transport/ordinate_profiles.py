@@ -50,7 +50,7 @@ class _Rings(eqx.Module):
 class ProfilePlan(eqx.Module):
     """One geometry with all that does not depend on the free numbers of the stack.
 
-    points : frequencies [rad/mm] of the transport part. from_points : values from the spectrum there, from every other one of them, and so on.
+    points : frequencies [rad/mm] of the transport part; from_points, from_half : values from the spectrum there, and from every other one of them.
     rings : of the part scattered once; none in spatial frequency. optics : directions and faces, where they are the same for all stacks.
     """
 
@@ -60,7 +60,8 @@ class ProfilePlan(eqx.Module):
     open: tuple[bool, ...] = eqx.field(static=True)
     points: Float[AnyArray, "points"]
     closing: Closing
-    from_points: tuple[Float[AnyArray, "..."], ...]
+    from_points: Float[AnyArray, "..."]
+    from_half: Float[AnyArray, "..."]
     functional: Functional
     baseline: LayeredDiffusion | None
     rings: _Rings | None
@@ -84,13 +85,12 @@ def plan_profile(domain: Domain, geometry: Geometry, shift: tuple[float, float],
         points = chebyshev_frequencies(count, *spread)
         rule = functional(geometry, shift, _span(domain, baseline, scale))
         kept = _smoothing(geometry, shift, mean, points) if fineness.along else np.ones((geometry.size, count))
-        steps = [step for step in (1, 2, 4) if count % step == 0]
-        from_points = tuple(rule.weights @ interpolation(count // step, rule.k, *spread) * kept[:, ::step] for step in steps)
+        from_points, from_half = (rule.weights @ interpolation(count // step, rule.k, *spread) * kept[:, ::step] for step in (1, 2))
         rings = _rings(rule)
     else:
         rule = functional(geometry, shift, None)
         points, baseline, rings = np.maximum(rule.k, 1e-6 * scale), None, None
-        from_points = (rule.weights,)
+        from_points = from_half = rule.weights
     steps = _steps(domain, optics[0], float(points[-1]))
     ends = _closing(layout, optics[0], mean, points, fineness.along)
     return ProfilePlan(
@@ -101,6 +101,7 @@ def plan_profile(domain: Domain, geometry: Geometry, shift: tuple[float, float],
         points,
         ends,
         from_points,
+        from_half,
         rule,
         baseline,
         rings,
@@ -255,8 +256,8 @@ def _rings(rule: Functional) -> _Rings:
     return _Rings(np.concatenate(lows), np.concatenate(highs), joined)
 
 
-def _values(plan: ProfilePlan, columns: Columns, shift: Float[Array, ""] | None) -> tuple[Float[Array, "values"], ...]:
-    """The values, and the same from half the frequencies, and from a quarter."""
+def _values(plan: ProfilePlan, columns: Columns, shift: Float[Array, ""] | None) -> tuple[Float[Array, "values"], Float[Array, "values"]]:
+    """The values, and the same from half the frequencies."""
     geometry, layout, na = plan.geometry, plan.layout, aperture(plan.geometry)
     grid, faces = optics_of(layout, columns) if plan.optics is None else plan.optics
     numbers = medium(layout, columns)
@@ -281,9 +282,8 @@ def _values(plan: ProfilePlan, columns: Columns, shift: Float[Array, ""] | None)
         exact = exact_path(columns, numbers, layout, na, plan.above, _AZIMUTHS)
         once = jax.vmap(lambda k: spectrum(exact, k, *even_azimuths(_AZIMUTHS)))(points)
     rest = smooth + once + plan.functional.direct * unscattered(sample)
-    return tuple(
-        plan.functional.at(shift, weights @ lacking[..., :: lacking.shape[-1] // weights.shape[-1]] + rest) for weights in plan.from_points
-    )
+    half = lacking[..., ::2] if plan.rings is not None else lacking
+    return plan.functional.at(shift, plan.from_points @ lacking + rest), plan.functional.at(shift, plan.from_half @ half + rest)
 
 
 def _block(count: int) -> int:
@@ -322,13 +322,8 @@ class ProfilesForward(Forward):
     def evaluate(self, columns: Columns) -> Evaluation:
         found, errors = [], []
         for plan, coarse in zip(self.plans, self.coarser, strict=True):
-            values = [np.asarray(v) for v in _profile(plan, columns, None)]
+            value, half = (np.asarray(v) for v in _profile(plan, columns, None))
             other = np.asarray(_profile(coarse, columns, None)[0])
-            found.append(values[0])
-            errors.append(np.abs(values[0] - other) + _unconverged(values))
+            found.append(value)
+            errors.append(np.abs(value - other) + np.abs(value - half))
         return Evaluation(tuple(found), tuple(errors))
-
-
-def _unconverged(values: list[np.ndarray]) -> np.ndarray:
-    """What values still lack for want of frequencies. values : from all, from every other one, from every fourth."""
-    return np.abs(values[0] - values[1]) if len(values) > 1 else np.zeros_like(values[0])
