@@ -164,7 +164,8 @@ def over(piece: Response[Op], below: Op) -> Op:
 
 def reflection(pieces: Sequence[Response[Op]]) -> Op:
     """R_above of pieces from top to bottom, without the other three operators."""
-    return reduce(lambda below, piece: over(piece, below), reversed(pieces[:-1]), pieces[-1].R_above)
+    there = [piece for piece in pieces if not isinstance(piece, Nothing)] or [*pieces]
+    return reduce(lambda below, piece: over(piece, below), reversed(there[:-1]), there[-1].R_above)
 
 
 def excess_reflection(upper: Response[Op], lower: Op, reference: Op) -> Op:
