@@ -11,7 +11,7 @@ import layerfit as lf
 from layerfit.optics.frequencies import chebyshev_frequencies, interpolation
 from layerfit.scene.columns import to_columns
 from layerfit.solver import Domain
-from layerfit.transport.ordinate_profiles import _block
+from layerfit.transport.ordinate_profiles import _at_least_as_around, _block
 
 TOP = {"sigma_a": 0.02, "sigma_s_prime": 1.0, "g": 0.8, "n": 1.4}
 HALF = lf.Stack([lf.HalfSpace("deep", **TOP)])
@@ -101,6 +101,15 @@ def test_blocks_of_one_size():
     """A smaller last block would be compiled anew."""
     assert [_block(count) for count in (8, 16, 24, 32, 40, 48, 64)] == [8, 16, 12, 16, 10, 16, 16]
     assert [_block(count) for count in (22, 34, 46)] == [11, 16, 16]  # of no good divisor
+
+
+def test_errors_are_those_of_the_surroundings_where_a_difference_changes_sign():
+    """In relation to the values, and only from places near by."""
+    geometry, value = lf.RadialReflectance(r=[1.0, 1.1, 1.2, 5.0]), np.array([4.0, 2.0, 1.0, 0.1])
+    found = _at_least_as_around(geometry, np.array([0.03, 0.0, 0.03, 0.5]) * value, value)
+    assert np.max(np.abs(found / value - [0.03, 0.02, 0.03, 0.5])) <= 1e-12
+    alone = lf.RadialReflectance(r=[2.0])
+    assert _at_least_as_around(alone, np.array([0.1]), np.array([-2.0]))[0] == 0.1
 
 
 SLAB = lf.Stack([lf.Layer("a", sigma_a=0.0, sigma_s_prime=1.0, g=0.5, n=1.4, thickness=1.0), lf.Layer("b", **TOP, thickness=1.5)], n_below=1.3)

@@ -21,7 +21,7 @@ from ..optics.frequencies import chebyshev_frequencies, interpolation
 from ..optics.hankel import Span
 from ..optics.quadrature import collected_share
 from ..scene.columns import Columns
-from ..solver import Domain, Evaluation, Forward
+from ..solver import Domain, Evaluation, Forward, relative_errors
 from .crossing import fine_directions
 from .fineness import Fineness, scales
 from .frequency_layer import Closing, closing, deep_steps
@@ -325,5 +325,16 @@ class ProfilesForward(Forward):
             value, half = (np.asarray(v) for v in _profile(plan, columns, None))
             other = np.asarray(_profile(coarse, columns, None)[0])
             found.append(value)
-            errors.append(np.abs(value - other) + np.abs(value - half))
+            errors.append(_at_least_as_around(plan.geometry, np.abs(value - other), value) + np.abs(value - half))
         return Evaluation(tuple(found), tuple(errors))
+
+
+_AROUND = 0.2  # share of the distance, or of the frequency
+
+
+def _at_least_as_around(geometry: Geometry, difference: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """Differences to a coarser setting, each at least the mean of its surroundings in relation to the values: they change sign from place to place,
+    and are 0 where the error is not."""
+    place = geometry.centers()
+    around = np.abs(place[:, None] - place) <= _AROUND * place[:, None]
+    return np.maximum(difference, np.abs(value) * (around @ relative_errors(difference, value)) / np.sum(around, axis=1))
