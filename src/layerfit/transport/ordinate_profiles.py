@@ -50,7 +50,8 @@ class _Rings(eqx.Module):
 class ProfilePlan(eqx.Module):
     """One geometry with all that does not depend on the free numbers of the stack.
 
-    points : frequencies [rad/mm] of the transport part; from_points, from_half : values from the spectrum there, and from every other one of them.
+    open : layers that light crosses unscattered, see `crossing`. points : frequencies [rad/mm] of the transport part; from_points, from_half : values
+    from the spectrum there, and from every other one of them.
     rings : of the part scattered once; none in spatial frequency. optics : directions and faces, where they are the same for all stacks.
     """
 
