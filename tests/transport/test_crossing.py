@@ -74,7 +74,7 @@ def test_nothing_is_left_of_waves_too_short_to_tell():
 
 @pytest.mark.parametrize(("to", "from_"), [(0, 0), (1, 0), (0, 1), (2, 0), (1, 3), (2, 3)])
 def test_orders_turn_into_each_other_as_on_a_long_chain(to, from_):
-    """Radiance that is the same in all directions but for cos(m phi), in an absorbing layer, against the exponential of forty orders."""
+    """Radiance that is the same in all directions but for cos(m phi), in an absorbing layer, against the exponential of 120 orders."""
     k, rate = 0.3, 0.4
     found, root = crossing(k, rate)
     light = np.zeros((ORDERS, root.size))

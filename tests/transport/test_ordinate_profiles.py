@@ -108,6 +108,8 @@ def test_errors_are_those_of_the_surroundings_where_a_difference_changes_sign():
     geometry, value = lf.RadialReflectance(r=[1.0, 1.1, 1.2, 5.0]), np.array([4.0, 2.0, 1.0, 0.1])
     found = _at_least_as_around(geometry, np.array([0.03, 0.0, 0.03, 0.5]) * value, value)
     assert np.max(np.abs(found / value - [0.03, 0.02, 0.03, 0.5])) <= 1e-12
+    broken = _at_least_as_around(geometry, np.array([0.12, 0.0, 0.03, np.nan]), np.array([4.0, 2.0, 1.0, np.nan]))
+    assert np.all(np.isfinite(broken[:3])) and not np.isfinite(broken[3])  # a value that is no number is no matter of those far from it
     alone = lf.RadialReflectance(r=[2.0])
     assert _at_least_as_around(alone, np.array([0.1]), np.array([-2.0]))[0] == 0.1
 

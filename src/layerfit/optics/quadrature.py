@@ -73,12 +73,10 @@ def ordinates(n: Float[Array, "media"], groups: tuple[int, ...], counts: tuple[i
     W, p, inner = [], [], []
     low = jnp.zeros(())
     for k, count in enumerate(counts):
-        x, weight = unit_gauss(count)
         high = edges[k]
-        span = jnp.sqrt((high - low) * (high + low)) / high
-        mu = span * x
-        W.append(span * weight * mu * high**2)
-        p.append(high * jnp.sqrt(1.0 - mu**2))
+        mu, weight, place = in_panel(low, high, *unit_gauss(count))
+        W.append(weight)
+        p.append(place)
         inner.append((high * mu) ** 2)  # high^2 - p^2 without its cancellation
         low = high
     panel = np.repeat(np.arange(len(counts)), counts)
@@ -86,6 +84,15 @@ def ordinates(n: Float[Array, "media"], groups: tuple[int, ...], counts: tuple[i
     real = rank[jnp.array(groups)][:, None] >= panel
     mu = jnp.where(real, jnp.sqrt(jnp.where(real, above, 1.0)) / n[:, None], 1.0)
     return Ordinates(n, jnp.concatenate(W), jnp.concatenate(p), mu, real, top)
+
+
+def in_panel(
+    low: Float[Array, ""], high: Float[Array, ""], x: Float[AnyArray, "k"], weight: Float[AnyArray, "k"]
+) -> tuple[Float[Array, "k"], Float[Array, "k"], Float[Array, "k"]]:
+    """A rule on (0, 1) laid over the panel from p = low to high: cosines in the medium of index high, weights W of p dp, places p."""
+    span = jnp.sqrt((high - low) * (high + low)) / high
+    mu = span * x
+    return mu, span * weight * mu * high**2, high * jnp.sqrt(1.0 - mu**2)
 
 
 def node_polynomials(count: int, y: AnyArray) -> AnyArray:

@@ -16,10 +16,10 @@ from jaxtyping import Bool, Float
 
 from ..arrays import AnyArray
 from ..optics.gauss import unit_gauss
-from ..optics.quadrature import Ordinates, cosine, node_polynomials
+from ..optics.quadrature import Ordinates, cosine, in_panel, node_polynomials
 from .frequency_layer import Closing
 
-_DIRECTIONS = 48
+_DIRECTIONS = 48  # of each panel
 _AZIMUTHS = 32  # of half a circle
 
 
@@ -43,13 +43,12 @@ def fine_directions(rule: Ordinates, counts: tuple[int, ...], layers: int) -> Fi
     low, start = jnp.zeros(()), 0
     for k, count in enumerate(counts):
         x, weight = unit_gauss(count)
-        high = rule.edges[k]
-        span2 = (high - low) * (high + low)
         basis = node_polynomials(count, y).T * np.sqrt((w * y)[:, None] / (weight * x))
         blocks.append(np.pad(basis, ((0, 0), (start, sum(counts) - start - count))))
-        places.append(jnp.sqrt(high**2 - span2 * y**2))
-        steps.append(span2 * y * w / places[-1])  # p dp = -span2 y dy
-        low, start = high, start + count
+        _, W, p = in_panel(low, rule.edges[k], y, w)
+        places.append(p)
+        steps.append(W / p)  # W stands for p dp
+        low, start = rule.edges[k], start + count
     p, step = jnp.concatenate(places), jnp.concatenate(steps)
     n = rule.n[1 : layers + 1, None]
     mu, real = cosine(n, p[None])

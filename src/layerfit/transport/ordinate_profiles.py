@@ -338,4 +338,5 @@ def _at_least_as_around(geometry: Geometry, difference: np.ndarray, value: np.nd
     and are 0 where the error is not."""
     place = geometry.centers()
     around = np.abs(place[:, None] - place) <= _AROUND * place[:, None]
-    return np.maximum(difference, np.abs(value) * (around @ relative_errors(difference, value)) / np.sum(around, axis=1))
+    mean = np.sum(np.where(around, relative_errors(difference, value), 0.0), axis=1) / np.sum(around, axis=1)
+    return np.maximum(difference, np.abs(value) * mean)
