@@ -8,7 +8,7 @@ import pytest
 from layerfit.optics.linear_algebra import inverse
 
 
-@pytest.mark.parametrize("n", [1, 24, 25, 48, 49, 97])
+@pytest.mark.parametrize("n", [1, 10, 11, 32, 33, 96, 97])
 def test_against_lapack(n):
     """1 + a positive semidefinite matrix with a skew part; value and derivative, in a batch."""
     rng = np.random.default_rng(n)

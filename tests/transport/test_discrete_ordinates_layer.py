@@ -120,3 +120,18 @@ def test_derivatives(kind):
                 errors.append(abs(float(difference) - a[i]))
             floor = 1e-7 * np.abs(a).max()
             assert errors[1] <= 0.4 * errors[0] + floor, (name, i, errors)
+
+
+@pytest.mark.parametrize("tau", [1e-12, 1e-10])
+def test_a_layer_of_next_to_nothing_that_does_not_scatter_joins_no_directions(tau):
+    """Not even by rounding: what is trapped between two faces multiplies that by 1/tau^2."""
+    (R, T), _ = response(numbers(0.5, 0.0, tau))
+    for found in (R, T - jnp.diag(jnp.diagonal(T))):
+        assert np.all(np.asarray(found) == 0.0)
+
+
+def test_a_thin_layer_is_continuous_where_its_modes_are_left_out():
+    """To second order: R and 1 - T in proportion to tau on both sides."""
+    below, above = (response(numbers(0.5, 0.9, 2e-10 * f))[0] for f in (1.0 - 1e-9, 1.0 + 1e-9))
+    for one, other in zip(below, above, strict=True):
+        assert np.max(np.abs(np.asarray(one - other))) <= 1e-14

@@ -8,20 +8,37 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-_LOOP = 24  # up to this size rows are eliminated one by one
-_BLOCK = 16  # above it, blocks of at most so many
+_LOOP = 32  # up to this size the rows of one matrix are eliminated one by one
+_LOOP_IN_BATCH = 10  # and those of many matrices
+_BLOCK, _LARGE, _BLOCK_OF_LARGE = 8, 96, 16  # above it, blocks of at most so many
 
 
 @jax.custom_jvp
 def inverse(a: Float[Array, "*b n n"]) -> Float[Array, "*b n n"]:
     """a^-1 without pivoting."""
+    return _inverse(a)
+
+
+@jax.custom_batching.custom_vmap
+def _inverse(a: Float[Array, "*b n n"]) -> Float[Array, "*b n n"]:
+    return _by_rows_or_blocks(a, _LOOP)
+
+
+@_inverse.def_vmap
+def _inverse_of_many(_size, _batched, a):
+    return _by_rows_or_blocks(a, _LOOP_IN_BATCH), True
+
+
+def _by_rows_or_blocks(a: Float[Array, "*b n n"], loop: int) -> Float[Array, "*b n n"]:
+    """loop : largest size that is eliminated row by row."""
     n = a.shape[-1]
-    if n <= _LOOP:
+    if n <= loop:
         return _eliminate(a)
-    count = -(-n // _BLOCK)
+    count = -(-n // (_BLOCK if n <= _LARGE else _BLOCK_OF_LARGE))
     size = -(-n // count)
     more = count * size - n
     padded = jnp.pad(a, [(0, 0)] * (a.ndim - 2) + [(0, more)] * 2) + jnp.diag(jnp.arange(count * size) >= n)
@@ -35,15 +52,16 @@ def _inverse_jvp(primals, tangents):
 
 
 def _eliminate(a: Float[Array, "*b n n"]) -> Float[Array, "*b n n"]:
-    """Gauss-Jordan elimination in place."""
+    """Gauss-Jordan elimination in place, each step one pass over the matrix."""
+    index = np.arange(a.shape[-1])
 
     def step(k, a):
-        pivot_row = a[..., k, :]
-        pivot = pivot_row[..., k]
-        row = (pivot_row / pivot[..., None]).at[..., k].set(1.0 / pivot)
-        column = a[..., :, k].at[..., k].set(0.0)
-        a = a.at[..., :, k].set(0.0) - column[..., :, None] * row[..., None, :]
-        return a.at[..., k, :].set(row)
+        here = index == k
+        row = jax.lax.dynamic_index_in_dim(a, k, axis=-2, keepdims=False)
+        pivot = jax.lax.dynamic_index_in_dim(row, k, axis=-1)
+        row = jnp.where(here, 1.0, row) / pivot
+        column = jnp.where(here, -1.0, jax.lax.dynamic_index_in_dim(a, k, axis=-1, keepdims=False))
+        return jnp.where(here[:, None] | here, 0.0, a) - column[..., :, None] * row[..., None, :]
 
     return jax.lax.fori_loop(0, a.shape[-1], step, a)
 

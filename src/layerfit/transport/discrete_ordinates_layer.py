@@ -102,7 +102,7 @@ def layer(problem: Problem, tau: Float[Array, ""]) -> Response[Matrix]:
     parts: Parts = slab(problem, h)
     views = problem.pc.shape[0]
     one = jnp.eye(parts.Y.shape[0])
-    Zi, Yi = inverse(one + parts.Z), inverse(one + parts.Y)
+    Zi, Yi = inverse(one + jnp.stack([parts.Z, parts.Y]))
     t = jnp.tanh(h * problem.rate)
     half = 1.0 / (1.0 + t)
     passing = jnp.exp(-2.0 * h * problem.rate)

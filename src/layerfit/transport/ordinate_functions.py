@@ -24,6 +24,8 @@ from ..optics.differences import second_differences, third_difference
 from ..optics.linear_algebra import cholesky, eigh, inverse
 from ..optics.special import divided_differences, tanhc
 
+_THIN = 1e-10  # half an optical thickness below which what is of second order in it is rounding
+
 
 class Problem(NamedTuple):
     """One layer at one azimuthal order.
@@ -137,10 +139,13 @@ def _slab(problem: Problem, h: Float[Array, ""], m: Modes) -> Parts:
     sight = (t.r * t.tanh1)[:, views]
     yc = h * (-t.phi_chi[views, None] * problem.pc - sight.T @ t.p[:, beams] + corner * problem.rate[beams])
     zc = h * (corner * problem.rate[views, None] - t.q[:, views].T @ fed[:, beams] - problem.qc * t.phi_chi[beams])
+    # to first order in h nothing of the modes: their rounding would join directions that a layer of next to nothing keeps apart, and light that is
+    # trapped in it multiplies that by 1/h^2
+    thin = h <= _THIN
     return Parts(
-        Y=h * (down * t.phi) @ down.T,
-        Z=h * (up * (m.value * t.phi)) @ up.T,
-        S=(down * sech2) @ m.inverse,
+        Y=jnp.where(thin, h * problem.P, h * (down * t.phi) @ down.T),
+        Z=jnp.where(thin, h * problem.M, h * (up * (m.value * t.phi)) @ up.T),
+        S=jnp.where(thin, jnp.eye(t.x.size), (down * sech2) @ m.inverse),
         y=down @ y,
         z=up @ z,
         s=down @ (t.sech1 * t.c),
