@@ -96,14 +96,15 @@ def _in_turn(decompose: Callable[[Array], tuple[Array, ...]]) -> Callable[[Array
     return alone
 
 
-_eigh_in_turn = _in_turn(lambda a: tuple(jnp.linalg.eigh(a)))
+# from the last row up: where the largest elements are near the end, small eigenvalues then keep their digits. Returned vectors first
+_eigh_in_turn = _in_turn(lambda a: tuple(jax.lax.linalg.eigh(a, lower=False, symmetrize_input=False)))
 _cholesky_in_turn = _in_turn(lambda a: (jnp.linalg.cholesky(a),))
 
 
 @jax.custom_jvp
 def eigh(a: Float[Array, "n n"]) -> tuple[Float[Array, "n"], Float[Array, "n n"]]:
     """Eigenvalues, rising, and eigenvectors (columns) of a symmetric matrix; the vectors' derivative needs eigenvalues that differ."""
-    value, vectors = _eigh_in_turn(a)
+    vectors, value = _eigh_in_turn(a)
     return value, vectors
 
 

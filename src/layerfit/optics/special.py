@@ -11,15 +11,18 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-# Lambert's continued fraction tanh(sqrt x)/sqrt x = 1/(1 + x/(3 + x/(5 + ...))) serves below _SMALL, where _LEVELS of it give 1e-17
-_SMALL, _LEVELS = 0.1, 6
+# Below _SMALL the convergent of Lambert's continued fraction tanh(sqrt x)/sqrt x = 1/(1 + x/(3 + x/(5 + ...))) that ends with 13, good to 1e-17.
+_SMALL = 0.1
+_ABOVE, _BELOW = (135135.0, 17325.0, 378.0, 1.0), (135135.0, 62370.0, 3150.0, 28.0)
 
 
-def _continued_fraction(x: Float[Array, "*s"]) -> Float[Array, "*s"]:
-    f = jnp.full_like(x, 1.0 / (2 * _LEVELS + 1))
-    for n in reversed(range(_LEVELS)):
-        f = 1.0 / ((2 * n + 1) + x * f)
-    return f
+def _cubic(c: tuple[float, ...], x: Float[Array, "*s"]) -> Float[Array, "*s"]:
+    return c[0] + x * (c[1] + x * (c[2] + x * c[3]))
+
+
+def _slope_of_cubic(c: tuple[float, ...], u: Float[Array, "*s"], v: Float[Array, "*s"]) -> Float[Array, "*s"]:
+    """Its divided difference between u and v."""
+    return c[1] + c[2] * (u + v) + c[3] * (u * u + v * (u + v))
 
 
 @jax.jit
@@ -27,7 +30,8 @@ def tanhc(x: Float[Array, "*s"]) -> Float[Array, "*s"]:
     """tanh(sqrt x)/sqrt x for x >= 0, analytic at 0 [dimensionless]."""
     small = x < _SMALL
     root = jnp.sqrt(jnp.where(small, 1.0, x))
-    return jnp.where(small, _continued_fraction(jnp.where(small, x, 0.0)), jnp.tanh(root) / root)
+    x = jnp.where(small, x, 0.0)
+    return jnp.where(small, _cubic(_ABOVE, x) / _cubic(_BELOW, x), jnp.tanh(root) / root)
 
 
 @jax.jit
@@ -65,19 +69,14 @@ def divided_differences(x1: Float[Array, "*s"], x2: Float[Array, "*s"]) -> tuple
         tanhc:  (sinhc(b - a) sech a sech b - tanhc(a^2)) / (b (a + b))
         sech^2: -sinhc(b - a) sech a sech b (tanh a + tanh b) / (a + b)
 
-    for small x the differences of the continued fraction are taken level by level, which has no cancellation.
+    for small x the differences of the fraction's two polynomials are, which have no cancellation.
     """
     low, high = jnp.minimum(x1, x2), jnp.maximum(x1, x2)
     small = high < _SMALL
     u, v = jnp.where(small, low, 0.0), jnp.where(small, high, 0.0)
-    fu = fv = jnp.full_like(u, 1.0 / (2 * _LEVELS + 1))
-    dd = jnp.zeros_like(u)
-    for n in reversed(range(_LEVELS)):
-        inner = fu + v * dd
-        fu, fv = 1.0 / ((2 * n + 1) + u * fu), 1.0 / ((2 * n + 1) + v * fv)
-        dd = -fu * fv * inner
-    dd_tanhc_small = dd
-    dd_sech2_small = -(fu**2 + v * (fu + fv) * dd)
+    fu, fv = (_cubic(_ABOVE, x) / _cubic(_BELOW, x) for x in (u, v))
+    dd_tanhc_small = (_slope_of_cubic(_ABOVE, u, v) - fv * _slope_of_cubic(_BELOW, u, v)) / _cubic(_BELOW, u)
+    dd_sech2_small = -(fu**2 + v * (fu + fv) * dd_tanhc_small)
 
     # low may be 0 here while high is not. The formulas are even in its root a, but the slope of the root is infinite at 0: a shift that is
     # invisible in the value keeps their slope, which a lower limit would make 0
