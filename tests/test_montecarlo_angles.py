@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import layerfit as lf
-from layerfit.montecarlo_angles import azimuth_bins, polar_bins
+from layerfit.montecarlo_angles import azimuth_bins, lobe_width, polar_bins
 from layerfit.montecarlo_reading import reading, runs
 
 X, W = np.polynomial.legendre.leggauss(20)
@@ -45,6 +45,24 @@ def test_azimuth_bins_stand_for_an_azimuth(azimuth: float):
     assert edges[-1] == 180.0
     assert weights.sum() == pytest.approx(1.0, abs=1e-12)
     assert abs(weights @ means(edges, f) / f(np.array(azimuth)) - 1.0) <= 2e-3
+
+
+@pytest.mark.parametrize("width", [0.3, 2.0])
+def test_bins_follow_the_lobes_of_rough_faces(width: float):
+    """The top of a normal distribution of angles, and its flank: half a percent, 1 % of the top."""
+    exact = np.exp(-0.5 * np.array([0.0, 1.0]) ** 2)
+    edges, weights = polar_bins(np.array([40.0, 40.0 + width]), width)
+    found = weights @ means(edges, lambda s: np.exp(-0.5 * ((np.degrees(np.arcsin(np.sqrt(s))) - 40.0) / width) ** 2))
+    assert np.max(np.abs(found - exact)) <= 0.01
+    for at, value in zip((0.0, width), exact, strict=True):
+        edges, share = azimuth_bins(at, width)
+        assert abs(share @ means(edges, lambda phi: np.exp(-0.5 * (phi / width) ** 2)) - value) <= 0.01
+
+
+def test_width_of_the_narrowest_lobe():
+    """Facets of slope 0.1: from 1 to 1.5 and back light turns by 0.1 (1 - 1/1.5) in the glass; matched or smooth faces make none."""
+    assert abs(lobe_width(np.array([1.0, 1.5, 1.0]), np.array([0.1, 0.3])) - np.degrees(0.1 / 3.0)) <= 1e-9
+    assert lobe_width(np.array([1.0, 1.5, 1.5, 1.0]), np.array([0.0, 0.1, 0.0])) == np.inf
 
 
 def h_function(mu: np.ndarray, albedo: float) -> np.ndarray:

@@ -88,8 +88,8 @@ class Reading:
         return mc.Estimate(samples.mean(axis=0), error, result.batches - 1, samples, None if impossible or self.k else quantum)
 
 
-def reading(geometry: Geometry) -> Reading:
-    """How a measurement is read. Raises InputError for one that the Monte Carlo does not simulate."""
+def reading(geometry: Geometry, lobe: float = np.inf) -> Reading:
+    """How a measurement is read. lobe : see `montecarlo_angles.lobe_width`. Raises InputError for one that the Monte Carlo does not simulate."""
     side = "R" if geometry.side == "above" else "T"
     if isinstance(geometry, Radial):
         return _radial(geometry, side)
@@ -99,7 +99,7 @@ def reading(geometry: Geometry) -> Reading:
         specular = isinstance(geometry, TotalReflectance) and geometry.specular == "included"
         return Reading(_incident(geometry.incidence), side, np.ones(1), specular=specular)
     if isinstance(geometry, Angular):
-        return _angular(geometry, side)
+        return _angular(geometry, side, lobe)
     raise InputError(f"solver monte-carlo does not predict {geometry.kind}")
 
 
@@ -109,12 +109,12 @@ def _incident(incidence: float | str) -> Any:
     return mc.Pencil() if incidence == "normal" else mc.Pencil(float(np.cos(np.radians(float(incidence)))))
 
 
-def _angular(geometry: Angular, side: str) -> Reading:
+def _angular(geometry: Angular, side: str, lobe: float) -> Reading:
     light = _incident(geometry.incidence)
-    edges, weights = polar_bins(geometry.angle)
+    edges, weights = polar_bins(geometry.angle, lobe)
     phi, share = np.array([0.0, 180.0]), np.ones(1)
     if geometry.azimuth is not None and not light.symmetric:
-        phi, share = azimuth_bins(geometry.azimuth)
+        phi, share = azimuth_bins(geometry.azimuth, lobe / max(float(np.max(np.sin(np.radians(geometry.angle)))), 1e-3))
     # straight up or down there is no azimuth: all of it is counted
     shares = np.where(geometry.angle[:, None] == 0.0, np.diff(phi) / 180.0, share)
     together = (weights[:, :, None] * shares[:, None, :]).reshape(weights.shape[0], -1)

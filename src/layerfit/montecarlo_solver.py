@@ -12,6 +12,7 @@ from jaxtyping import Float
 from . import montecarlo as mc
 from .errors import InputError
 from .measurement.geometry import Geometry
+from .montecarlo_angles import lobe_width
 from .montecarlo_reading import reading, runs
 from .scene.columns import Columns, to_columns
 from .scene.stack import Stack
@@ -101,13 +102,15 @@ def estimates(solver: MonteCarlo, columns: Columns, geometries: Sequence[Geometr
 
     After an interruption what is left gets two seconds each, so that nothing is without a value.
     """
-    readings = [reading(geometry) for geometry in geometries]
+    sample = medium(columns)
+    lobe = lobe_width(np.array([sample.n_above, *sample.n, sample.n_below])[: len(sample.roughness) + 1], np.array(sample.roughness))
+    readings = [reading(geometry, lobe) for geometry in geometries]
     planned = runs(readings)
     found: dict[int, mc.Estimate] = {}
     interrupted, done = False, []
     for run in planned:
         result = mc.simulate(
-            medium(columns),
+            sample,
             run.light,
             run.tallies,
             photons=solver.photons,

@@ -176,16 +176,19 @@ def test_rough_faces_against_monte_carlo():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("roughness", "streams"), [(0.1, None), (0.3, 48), (0.6, 48)])
-def test_lobes_through_two_rough_faces(roughness, streams):
-    """A thin plate at 40 degrees, in the plane of incidence, the lobe's top included: both faces are alike and must not echo each other's rule."""
+@pytest.mark.parametrize(("roughness", "streams", "bound"), [(0.1, None, 0.02), (0.3, 48, 0.02), (0.6, 48, 0.05)])
+def test_lobes_through_two_rough_faces(roughness, streams, bound):
+    """A thin plate at 40 degrees, in the plane of incidence, the lobe's top included: both faces are alike and must not echo each other's rule.
+
+    At 0.6 second facets show, which the rule hands back without any direction.
+    """
     layer = lf.Layer("slab", sigma_a=0.05, sigma_s=0.5, g=0.5, n=1.5, thickness=0.5, roughness=roughness)
     stack = lf.Stack([layer], roughness_below=roughness)
     lobe = lf.AngularTransmittance([20.0, 30.0, 36.0, 40.0, 44.0, 50.0, 60.0], incidence=40.0, azimuth=0.0)
     ours = predicted(stack, [lobe], streams)[0]
     assert np.min(ours) >= 0.0
     walked = lf.predict(stack, lobe, solver=lf.MonteCarlo(photons=1_000_000, seed=2))[0]
-    assert np.max(np.abs(ours - walked.values) / (4.0 * walked.estimated_error + 0.05 * walked.values)) <= 1.0
+    assert np.max(np.abs(ours - walked.values) / (4.0 * walked.estimated_error + bound * walked.values)) <= 1.0
 
 
 def test_streams_for_lobes():
