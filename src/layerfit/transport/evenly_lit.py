@@ -66,7 +66,7 @@ def evenly_lit_forward(domain: Domain, geometries: Sequence[Geometry], layouts: 
     def make(i: int, places: tuple[int, ...]) -> Forward:
         layout = distinct[i][0]
         mine = [geometries[j] for j in places]
-        return EvenlyLitForward(_plan(domain, mine, layout), _plan(domain, mine, coarsened(layout)))
+        return EvenlyLitForward(_plan(domain, mine, layout), _plan(domain, mine, coarsened(domain, layout)))
 
     return joined([distinct.index(key) for key in keys], make)
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..scene.columns import Columns
 from ..solver import Domain
-from .ordinate_stack import Layout, lay_out, media, middle, resolved_terms
+from .ordinate_stack import Layout, lay_out, lit_panels, media, middle, resolved_terms
 
 
 class Fineness(eqx.Module):
@@ -72,13 +72,13 @@ def scales(columns: Columns) -> tuple[float, float]:
 
 def coarser(domain: Domain, fine: Fineness) -> Fineness:
     """Three quarters of the directions and one order less."""
-    counts = tuple(max(2, round(0.75 * count)) for count in fine.layout.counts)
+    counts = tuple(max(min(2, count), round(0.75 * count)) for count in fine.layout.counts)
     layout = _resolved(domain, replace(fine.layout, counts=counts))
     return Fineness(replace(layout, orders=max(2, min(fine.layout.orders - 1, layout.terms))), fine.count, fine.along)
 
 
 def _resolved(domain: Domain, layout: Layout) -> Layout:
     """With the moments that its directions resolve."""
-    n = media(middle(domain))
+    n, lit = media(middle(domain)), lit_panels(domain, layout.groups)
     edges = np.sort([float(n[layout.groups.index(group)]) for group in range(len(layout.counts))])
-    return replace(layout, terms=resolved_terms(layout.counts, edges))
+    return replace(layout, terms=resolved_terms(layout.counts[:lit], edges[:lit]))

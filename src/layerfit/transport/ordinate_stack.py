@@ -51,20 +51,36 @@ def media(columns: Columns) -> Float[Array, "media"]:
 
 
 def lay_out(domain: Domain, streams: int, orders: int, tables: tuple[tuple[float, ...] | None, ...]) -> Layout:
-    """The panels of all stacks of a domain: indices that are free to move get one of their own."""
+    """The panels of all stacks of a domain: indices that are free to move get one of their own. Where no light gets to a panel has one direction."""
     low, high, now = (np.asarray(media(c)) for c in (domain.low, domain.high, middle(domain)))
     keys = [("fixed", float(a)) if a == b else ("free", i) for i, (a, b) in enumerate(zip(low, high, strict=True))]
     distinct = list(dict.fromkeys(keys))
     groups = tuple(distinct.index(key) for key in keys)
     edges = np.sort([now[keys.index(key)] for key in distinct])
-    counts = allot(streams // 2, edges)
-    return Layout(groups, counts, terms_of(counts), orders, tables)
+    lit = lit_panels(domain, groups)
+    counts = (*allot(streams // 2, edges[:lit]), *[1] * (edges.size - lit))
+    return Layout(groups, counts, terms_of(counts[:lit]), orders, tables)
 
 
-def coarsened(layout: Layout) -> Layout:
+def lit_panels(domain: Domain, groups: tuple[int, ...]) -> int:
+    """How many panels, from p = 0 outwards, light gets to.
+
+    Not to those beyond the indices of all media that scatter and of the surroundings: in a slide it keeps to the directions that it came in with.
+    """
+    low, high, now = (np.asarray(media(c)) for c in (domain.low, domain.high, middle(domain)))
+    first = [groups.index(group) for group in range(max(groups) + 1)]
+    scatters = np.full(high.size, True)
+    scatters[1 : domain.high.count + 1] = np.asarray(domain.high.sigma_s_prime) > 0.0
+    if not all(domain.low.smooth):
+        return len(first)
+    edges = low[np.array(sorted(first, key=lambda i: now[i]))]
+    return 1 + int(np.sum(edges[:-1] < np.max(high[scatters])))
+
+
+def coarsened(domain: Domain, layout: Layout) -> Layout:
     """The same with two thirds of the directions in each panel."""
     counts = tuple(max(1, round(2 * count / 3)) for count in layout.counts)
-    terms = terms_of(counts)
+    terms = terms_of(counts[: lit_panels(domain, layout.groups)])
     return Layout(layout.groups, counts, terms, min(layout.orders, terms), layout.tables)
 
 
