@@ -180,12 +180,12 @@ def _deep_spread(domain: Domain) -> tuple[float, float]:
     """Scale and decay of the points for what diffusion leaves of a half space.
 
     Three times the scale is where the fewest points are enough; in a wide domain, of the mean of its two middles. The decay is the smallest of
-    diffuse light at the bottom: with more than the true one the far tail is lost, with less little is.
+    diffuse light in any layer, over an absorber that of the layer above: with more than the true one the far tail is lost, with less little is.
     """
     low, high = domain.low, domain.high
     centre = jax.tree.map(lambda a, b: jnp.sqrt(jnp.maximum(a, 1e-4 * b) * b), low, high)
     scale = _DEEP * float(np.sqrt(_scale(middle(domain)) * _scale(centre)))
-    return scale, float(low.sigma_tr[-1])
+    return scale, float(np.min(np.asarray(low.sigma_tr)))
 
 
 @compiled
