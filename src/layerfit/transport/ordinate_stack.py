@@ -65,14 +65,15 @@ def lay_out(domain: Domain, streams: int, orders: int, tables: tuple[tuple[float
 def lit_panels(domain: Domain, groups: tuple[int, ...]) -> int:
     """How many panels, from p = 0 outwards, light gets to.
 
-    Not to those beyond the indices of all media that scatter and of the surroundings: in a slide it keeps to the directions that it came in with.
+    Not to those beyond the indices of all media that scatter and of the surroundings: in a slide between smooth faces it keeps to the
+    directions that it came in with.
     """
-    low, high, now = (np.asarray(media(c)) for c in (domain.low, domain.high, middle(domain)))
     first = [groups.index(group) for group in range(max(groups) + 1)]
-    scatters = np.full(high.size, True)
-    scatters[1 : domain.high.count + 1] = np.asarray(domain.high.sigma_s_prime) > 0.0
     if not all(domain.low.smooth):
         return len(first)
+    low, high, now = (np.asarray(media(c)) for c in (domain.low, domain.high, middle(domain)))
+    scatters = np.full(high.size, True)
+    scatters[1 : domain.high.count + 1] = np.asarray(domain.high.sigma_s_prime) > 0.0
     edges = low[np.array(sorted(first, key=lambda i: now[i]))]
     return 1 + int(np.sum(edges[:-1] < np.max(high[scatters])))
 
