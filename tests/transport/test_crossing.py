@@ -14,7 +14,7 @@ from layerfit.scene.columns import to_columns
 from layerfit.solver import Domain
 from layerfit.transport.crossing import Crossing, fine_directions, rays, rays_between
 from layerfit.transport.frequency_layer import closing, coupling
-from layerfit.transport.once_scattered import exact_path, profile
+from layerfit.transport.once_scattered import Lit, profile
 from layerfit.transport.ordinate_stack import medium
 
 ORDERS, DEPTH = 4, 2.0
@@ -125,5 +125,5 @@ def test_light_scattered_once_is_taken_out_as_it_went_in(side):
     forward = lf.DiscreteOrdinates(streams=8, orders=3, frequencies=16).forward(Domain(stack, columns, columns), [geometry], [(0.0, 0.0)])
     assert any(forward.plans[0].open)
     layout = forward.plans[0].layout
-    exact = profile(exact_path(columns, medium(layout, columns), layout, None, side == "R", 192), low, high)
+    exact = profile(Lit(columns, medium(layout, columns), layout, None, side == "R"), low, high)
     assert np.max(np.abs(np.asarray(forward(columns)[0]) / np.asarray(exact) - 1.0)) <= 3e-3

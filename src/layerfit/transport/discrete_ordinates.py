@@ -120,8 +120,7 @@ class DiscreteOrdinates(Solver):
 
     def _sideways(self, domain: Domain, geometries: Sequence[Geometry], shifts: Sequence[tuple[float, float]]) -> Forward:
         """Distances and spatial frequencies."""
-        below = any(geometry.side == "below" for geometry in geometries)
-        fine = fineness(domain, tables_of(self, domain.stack), below, self.streams, self.orders, self.frequencies)
+        fine = fineness(domain, tables_of(self, domain.stack), geometries, shifts, self.streams, self.orders, self.frequencies)
         return profiles_forward(domain, geometries, shifts, fine, coarser(domain, fine))
 
 

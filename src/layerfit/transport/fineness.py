@@ -1,13 +1,23 @@
 """How finely discrete ordinates are to compute distances and spatial frequencies."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import equinox as eqx
 import numpy as np
 
+from ..measurement.geometry import Geometry, Radial
 from ..scene.columns import Columns
 from ..solver import Domain
-from .ordinate_stack import Layout, lay_out, lit_panels, media, middle, resolved_terms
+from .ordinate_stack import Layout, lay_out, lit_panels, media, medium, middle, resolved_terms
+
+
+class Events(eqx.Module):
+    """Light after a few events, which is followed more finely than other light (`successive`). number : of events."""
+
+    layout: Layout
+    count: int = eqx.field(static=True)
+    number: int = eqx.field(static=True)
 
 
 class Fineness(eqx.Module):
@@ -16,6 +26,7 @@ class Fineness(eqx.Module):
     layout: Layout
     count: int = eqx.field(static=True)
     along: bool = eqx.field(static=True)
+    events: Events | None
 
 
 _THIN, _SLAB = 0.3, 3.0  # transport optical thickness of a layer, and of a whole sample, below which light goes far sideways unscattered
@@ -24,16 +35,28 @@ _FAR = 20.0  # and from which more directions are
 _ABSORBING = 0.2  # share of absorption in the extinction of all layers from which R(r) falls steeply
 _DARK = 0.1  # share in the half space at the bottom from which more frequencies are needed
 _FORWARD = 0.85  # g
+_NEAR = 0.5  # transport mean free paths of the densest layer within which single cones of light are seen
+_FEW = 0.8  # transport optical thickness of a whole sample, below which few events make most of the light near the axis behind it
+_FINER, _MORE_ORDERS = 1.3, 2.7  # directions and azimuthal orders of light after a few events, as a share of those of all light
+_MOST_EVENTS = 24
 
 
 def fineness(
-    domain: Domain, tables: tuple[tuple[float, ...] | None, ...], below: bool, streams: int | None, orders: int | None, frequencies: int | None
+    domain: Domain,
+    tables: tuple[tuple[float, ...] | None, ...],
+    geometries: Sequence[Geometry],
+    shifts: Sequence[tuple[float, float]],
+    streams: int | None,
+    orders: int | None,
+    frequencies: int | None,
 ) -> Fineness:
-    """What is asked for; else what was found to be enough for 0.5 % beyond half a transport mean free path.
+    """What is asked for; else what was found to be enough for 0.5 % beyond half a transport mean free path, 2 % nearer.
 
-    below : whether light that has crossed the sample is looked at.
+    shifts : ranges of the offsets of the distances [mm].
     """
     low, high = domain.low, domain.high
+    below = any(geometry.side == "below" for geometry in geometries)
+    near = _near(domain, geometries, shifts)
     depth = np.asarray(low.thickness * low.sigma_t_prime[: low.thickness.shape[0]])
     thin, slab = bool(np.any(depth < _THIN)), not low.half_space and float(np.sum(depth)) < _SLAB
     mean = middle(domain)
@@ -58,8 +81,53 @@ def fineness(
             count = 40
         else:
             count = 32 if wide or forward or dark else 24
+    total = float(np.sum(depth))
+    few = near and total < (_FEW if below else _THIN)
+    if near and below:
+        enough = max(enough, (40 if forward else 32) if few else _behind(total))
     layout = _resolved(domain, lay_out(domain, streams or enough, 1, tables))
-    return Fineness(replace(layout, orders=min(orders or most, layout.terms)), frequencies or count, slab or guiding)
+    layout = replace(layout, orders=min(orders or most, layout.terms))
+    count = frequencies or count
+    return Fineness(layout, count, slab or guiding, _events(domain, layout, count) if few else None)
+
+
+def _behind(depth: float) -> int:
+    """Streams for what leaves near the axis behind a sample of this transport optical thickness: the thinner, the narrower it looks from there.
+
+    >>> [_behind(depth) for depth in (1.0, 1.5, 2.0, 5.0)]
+    [48, 40, 32, 20]
+    """
+    return min(4 * int(np.ceil(3.0 + 10.0 / depth)), 48)
+
+
+def nearest(geometry: Radial, shift: tuple[float, float]) -> np.ndarray:
+    """The smallest distance that light of each value can have walked [mm]."""
+    extent = geometry.detector.radius + 2.0 * float(getattr(geometry.source, "radius", 0.0))
+    return np.maximum(np.abs(next(iter(geometry.places().values()))) + min(shift[0], 0.0) - extent, 0.0)
+
+
+def _events(domain: Domain, layout: Layout, count: int) -> Events:
+    """Finer by what was found to be enough."""
+    finer = replace(layout, counts=tuple(round(_FINER * n) for n in layout.counts), orders=min(round(_MORE_ORDERS * layout.orders), layout.terms))
+    return Events(finer, 2 * count, _enough_events(float(np.sum(np.asarray(medium(layout, domain.high).tau)))))
+
+
+def _enough_events(tau: float) -> int:
+    """More in a thick sample, where light is scattered often, and in a very thin one, where it runs far between the faces.
+
+    >>> [_enough_events(tau) for tau in (0.1, 1.0, 3.0, 100.0)]
+    [22, 14, 17, 24]
+    """
+    return min(int(np.ceil(10.0 + 2.0 * tau + 14.0 * np.exp(-2.0 * tau))), _MOST_EVENTS)
+
+
+def _near(domain: Domain, geometries: Sequence[Geometry], shifts: Sequence[tuple[float, float]]) -> bool:
+    """Whether distances are asked for at which single cones of light are seen on either side of a sample with smooth faces."""
+    if domain.low.half_space or not all(domain.low.smooth):
+        return False
+    distance = _NEAR / float(np.max(np.asarray(middle(domain).sigma_t_prime)))
+    pairs = zip(geometries, shifts, strict=True)
+    return any(isinstance(geometry, Radial) and bool(np.any(nearest(geometry, shift) < distance)) for geometry, shift in pairs)
 
 
 def scales(columns: Columns) -> tuple[float, float]:
@@ -74,7 +142,8 @@ def coarser(domain: Domain, fine: Fineness) -> Fineness:
     """Three quarters of the directions and one order less."""
     counts = tuple(max(min(2, count), round(0.75 * count)) for count in fine.layout.counts)
     layout = _resolved(domain, replace(fine.layout, counts=counts))
-    return Fineness(replace(layout, orders=max(2, min(fine.layout.orders - 1, layout.terms))), fine.count, fine.along)
+    layout = replace(layout, orders=max(2, min(fine.layout.orders - 1, layout.terms)))
+    return Fineness(layout, fine.count, fine.along, None if fine.events is None else _events(domain, layout, fine.count))
 
 
 def _resolved(domain: Domain, layout: Layout) -> Layout:

@@ -1,5 +1,6 @@
 """What a stack sends out at one spatial frequency under a pencil beam, by discrete ordinates."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
@@ -173,8 +174,10 @@ def _beam(face: Response[Matrix]) -> Response[Matrix]:
     return Response(*(Matrix(operator.value[0, -1:, -1:]) for operator in (face.R_above, face.R_below, face.T_down, face.T_up)))
 
 
-def values(sample: Sample, k: Float[Array, "k"], closing: Closing, steps: Steps, block: int) -> Float[Array, "k"]:
-    """`scattered_often` at many frequencies, a block of them at a time.
+def at_frequencies(
+    value: Callable[[Sample, Float[Array, ""], Closing], Float[Array, ""]], sample: Sample, k: Float[AnyArray, "k"], closing: Closing, block: int
+) -> Float[Array, "k"]:
+    """A value such as `scattered_often` at many frequencies, a block of them at a time.
 
     The derivative is taken in reverse, once for each frequency, whatever the number of directions asked for afterwards.
     """
@@ -183,7 +186,7 @@ def values(sample: Sample, k: Float[Array, "k"], closing: Closing, steps: Steps,
     others, rest = jax.tree.flatten(fixed)  # constants: no derivative is asked of them, but they may be traced
 
     def at(leaves: list[Array], others: list[Array], k: tuple[Float[Array, ""], Closing]) -> Float[Array, ""]:
-        return scattered_often(eqx.combine(jax.tree.unflatten(structure, leaves), jax.tree.unflatten(rest, others)), *k, steps)
+        return value(eqx.combine(jax.tree.unflatten(structure, leaves), jax.tree.unflatten(rest, others)), *k)
 
     @jax.custom_jvp
     def evaluate(leaves: list[Array], others: list[Array], k: tuple[Float[Array, "k"], Closing]) -> Float[Array, "k"]:
@@ -196,4 +199,4 @@ def values(sample: Sample, k: Float[Array, "k"], closing: Closing, steps: Steps,
         change = [jnp.tensordot(g, t, np.ndim(t)) for g, t in zip(gradient, tangents[0], strict=True)]
         return value, sum(change, jnp.zeros_like(value))
 
-    return evaluate(leaves, others, jax.lax.stop_gradient((k, Closing(*map(jnp.asarray, closing)))))
+    return evaluate(leaves, others, jax.lax.stop_gradient((jnp.asarray(k), Closing(*map(jnp.asarray, closing)))))

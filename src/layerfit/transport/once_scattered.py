@@ -10,13 +10,16 @@ T. Nakajima, M. Tanaka, J. Quant. Spectrosc. Radiat. Transfer 40, 51 (1988), eq 
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from ..arrays import AnyArray
+from ..optics.gauss import unit_gauss
 from ..optics.phase import henyey_greenstein, legendre_series
+from ..optics.special import expc
 from ..scene.columns import Columns
 from .crossing import Crossing
 from .discrete_ordinates_interface import fresnel_shares
@@ -72,27 +75,50 @@ def ordinate_path(columns: Columns, grid: Grid, numbers: Medium, sheets: tuple[S
     return _path(columns, numbers, grid.mu[:, :n], grid.real[:, :n], grid.rule.n, fed, above, collected)
 
 
-def exact_path(columns: Columns, numbers: Medium, layout: Layout, na: float | None, above: bool, directions: int) -> Path:
-    """A fine rule over the directions of exit, with the exact phase function."""
-    u, w = np.polynomial.legendre.leggauss(directions)
-    angle = 0.25 * np.pi * (u + 1.0)
-    largest = jnp.minimum(columns.n_above, columns.n[0]) if above else jnp.minimum(columns.n_below, columns.n[-1])
-    if na is not None:
-        largest = jnp.minimum(largest, na)
-    p = largest * np.sin(angle)
-    dp = 0.25 * np.pi * w * largest * np.cos(angle)
+class Lit(eqx.Module):
+    """What the exact part needs of a stack. na : of the detector, None where it takes all light."""
+
+    columns: Columns
+    numbers: Medium
+    layout: Layout
+    na: float | None = eqx.field(static=True)
+    above: bool = eqx.field(static=True)
+
+    @property
+    def outwards(self) -> list[int]:
+        """Finite layers from the side of exit on."""
+        finite = list(range(self.columns.thickness.shape[0]))
+        return finite if self.above else finite[::-1]
+
+    def largest(self) -> Float[Array, ""]:
+        """n sin(theta) up to which light is seen."""
+        columns = self.columns
+        largest = jnp.minimum(columns.n_above, columns.n[0]) if self.above else jnp.minimum(columns.n_below, columns.n[-1])
+        return largest if self.na is None else jnp.minimum(largest, self.na)
+
+
+def exact_path(lit: Lit, angle: Float[AnyArray, "d"], weight: Float[AnyArray, "d"]) -> Path:
+    """With the exact phase function, for directions n sin(theta) = largest sin(angle) of any rule from 0 to pi/2."""
+    columns, largest = lit.columns, lit.largest()
+    p, dp = largest * jnp.sin(angle), weight * largest * jnp.cos(angle)
     below = [] if columns.half_space else [columns.n_below[None]]
     n = jnp.concatenate([columns.n_above[None], columns.n, *below])
     mu = jnp.sqrt(jnp.maximum((n[:, None] - p) * (n[:, None] + p), 1e-24)) / n[:, None]
     real = p < n[:, None]
     strength = []
     for i in range(columns.count):
-        cosine = -mu[i + 1] if above else mu[i + 1]
-        table = layout.tables[i]
+        cosine = -mu[i + 1] if lit.above else mu[i + 1]
+        table = lit.layout.tables[i]
         phase = henyey_greenstein(cosine, columns.g[i]) if table is None else legendre_series(cosine, np.array(table))
         scattering = columns.sigma_s_prime[i] / (1.0 - columns.g[i])
         strength.append(0.5 * scattering * phase * p * dp / (columns.n[i] ** 2 * mu[i + 1]))
-    return _path(columns, numbers, mu, real, n, jnp.stack(strength), above, 1.0)
+    return _path(columns, lit.numbers, mu, real, n, jnp.stack(strength), lit.above, 1.0)
+
+
+def even_directions(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Angles of `exact_path`, with their weights."""
+    u, w = unit_gauss(count)
+    return 0.5 * np.pi * u, 0.5 * np.pi * w
 
 
 def even_azimuths(count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -143,26 +169,77 @@ def spectrum_of_ordinates(path: Path, k: Float[Array, ""], closing: Closing, cro
     return total
 
 
-def profile(path: Path, low: Float[AnyArray, "rings"], high: Float[AnyArray, "rings"]) -> Float[Array, "rings"]:
-    """Mean over rings [1/mm^2], by one quadrature: for a direction of exit, depth and distance go together."""
-    finite = path.thickness.shape[0]
-    edges = jnp.stack([low, high])[:, :, None]
+_PIECE = 32  # directions of each piece
+_HALVINGS = 52
+
+
+def profile(lit: Lit, low: Float[AnyArray, "rings"], high: Float[AnyArray, "rings"]) -> Float[Array, "rings"]:
+    """Mean over rings [1/mm^2], by one quadrature: for a direction of exit, depth and distance go together.
+
+    Light of a layer gets to a ring in three pieces of directions: between those that meet one edge from the layer's top and from its bottom. In each
+    of them all is smooth, however narrow the ring.
+    """
+    bends = _bends(lit, low, high)
+    count, (u, w) = lit.columns.count, unit_gauss(_PIECE)
+    angle, weight, within, used = [], [], [], []
+    for i in range(count):
+        m = i if lit.above else count - 1 - i
+        bottom, top = bends[m + 1], bends[m]
+        narrow = bottom[1] < top[0]
+        bounds = jnp.stack([bottom[0], jnp.minimum(bottom[1], top[0]), jnp.maximum(bottom[1], top[0]), top[1]], axis=1)
+        start, width = bounds[:, :-1], jnp.diff(bounds)
+        angle.append(start[:, :, None] + width[:, :, None] * u)
+        weight.append(width[:, :, None] * w)
+        within.append(narrow[:, None])
+        used.append(width[:, :, None] > 0.0)
+    path = exact_path(lit, jnp.stack(angle).ravel(), jnp.stack(weight).ravel())
     total = jnp.zeros(low.shape[0])
     for i, ahead in path.flights():
-        lost = path.entered(i) + sum((path.out[j] * path.thickness[j] for j in ahead), jnp.zeros(()))
-        shift = sum((path.tangent[j] * path.thickness[j] for j in ahead), jnp.zeros(()))
-        t = path.thickness[i] if i < finite else jnp.inf
-        tangent = jnp.maximum(path.tangent[i], 1e-30)
-        s = jnp.clip((edges - shift) / tangent, 0.0, t)  # depth in the layer, from the side of exit
-        if path.above:
-            rate, before = path.beam[i] + path.out[i], 0.0
-        else:
-            rate, before = path.out[i] - path.beam[i], path.beam[i] * t
-        step = s[1] - s[0]
-        x = rate * step
-        small = jnp.abs(x) < 1e-5
-        safe = jnp.where(small, 1.0, x)
-        share = jnp.where(small, 1.0 - 0.5 * x, -jnp.expm1(-safe) / safe)
-        along = jnp.exp(-rate * s[0] - before - lost) * jnp.where(jnp.isfinite(step), step, 1.0) * share
-        total = total + along @ path.leaving(i, ahead)
+
+        def mine(x: Float[Array, "d"], i: int = i) -> Float[Array, "rings pieces directions"]:
+            return x.reshape(count, low.shape[0], 3, _PIECE)[i]
+
+        lost = path.entered(i) + sum((mine(path.out[j]) * path.thickness[j] for j in ahead), jnp.zeros(()))
+        shift = sum((mine(path.tangent[j]) * path.thickness[j] for j in ahead), jnp.zeros(()))
+        # depths in the layer, from the side of exit, that light of each direction gets to the ring from
+        inner, outer = ((edge[:, None, None] - shift) / jnp.maximum(mine(path.tangent[i]), 1e-30) for edge in (low, high))
+        near = jnp.zeros_like(inner[:, 0])
+        far = near + path.thickness[i] if i < path.thickness.shape[0] else outer[:, 0]
+        from_ = jnp.stack([inner[:, 0], jnp.where(within[i], inner[:, 1], near), near], axis=1)
+        to = jnp.stack([far, jnp.where(within[i], outer[:, 1], far), outer[:, 2]], axis=1)
+        from_, step = jnp.where(used[i], from_, 0.0), jnp.where(used[i], to - from_, 0.0)
+        out = mine(path.out[i])
+        rate, before = (path.beam[i] + out, 0.0) if path.above else (out - path.beam[i], path.beam[i] * path.thickness[i])
+        along = jnp.exp(-rate * from_ - before - lost) * step * expc(rate * step)
+        total = total + jnp.sum(along * mine(path.leaving(i, ahead)), axis=(1, 2))
     return total / (np.pi * (high - low) * (high + low))
+
+
+def _bends(lit: Lit, low: Float[AnyArray, "rings"], high: Float[AnyArray, "rings"]) -> list[Float[Array, "2 rings"]]:
+    """Angles of `exact_path` at which light from the near side of each layer, counted from the side of exit, gets to a ring's edges; at last of the
+    far side of all. They only part the quadrature, whose sum does not change with them: no derivative is taken.
+    """
+    edges = jnp.stack([jnp.asarray(low), jnp.asarray(high)])
+    straight, grazing = jnp.zeros_like(edges), jnp.full_like(edges, 0.5 * np.pi)
+    columns, order = lit.columns, np.array(lit.outwards, int)
+    if order.size == 0:
+        return [grazing, straight]
+    n, thickness, largest = (jax.lax.stop_gradient(x) for x in (columns.n[order], columns.thickness[order], lit.largest()))
+
+    def reached(angle: Float[Array, "layers 2 rings"]) -> Float[Array, "layers 2 rings"]:
+        """Distance from the far side of the first, second ... layer."""
+        p = largest * jnp.sin(angle)[:, None]
+        square = (n[:, None, None] - p) * (n[:, None, None] + p)
+        tangent = jnp.where(square > 0.0, p / jnp.sqrt(jnp.maximum(square, 1e-24)), 1e12)
+        crossed = np.tri(order.size)[:, :, None, None] * thickness[:, None, None]
+        return jnp.sum(crossed * tangent, axis=1)
+
+    def halve(_, bounds):
+        below, above = bounds
+        middle = 0.5 * (below + above)
+        far = reached(middle) > edges
+        return jnp.where(far, below, middle), jnp.where(far, middle, above)
+
+    start = (jnp.zeros((order.size, *edges.shape)), jnp.full((order.size, *edges.shape), 0.5 * np.pi))
+    found = jax.lax.fori_loop(0, _HALVINGS, halve, start)[1]
+    return [grazing, *found, straight] if columns.half_space else [grazing, *found]
