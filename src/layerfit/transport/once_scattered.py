@@ -169,7 +169,7 @@ def spectrum_of_ordinates(path: Path, k: Float[Array, ""], closing: Closing, cro
     return total
 
 
-_PIECE = 32  # directions of each piece
+_PIECE = 24  # directions of each piece
 _HALVINGS = 52
 
 
