@@ -34,10 +34,11 @@ _WIDE = 4.0  # ratio of scales from which more frequencies are needed
 _FAR = 20.0  # and from which more directions are
 _ABSORBING = 0.2  # share of absorption in the extinction of all layers from which R(r) falls steeply
 _DARK = 0.1  # share in the half space at the bottom from which more frequencies are needed
-_FORWARD = 0.85  # g
+_FORWARD, _VERY_FORWARD = 0.85, 0.95  # g
 _NEAR = 0.5  # transport mean free paths of the densest layer within which single cones of light are seen
 _FEW = 0.8  # transport optical thickness of a whole sample, below which few events make most of the light near the axis behind it
 _FINER, _MORE_ORDERS = 1.3, 2.7  # directions and azimuthal orders of light after a few events, as a share of those of all light
+_FINER_BESIDE_CLEAR = 4.0  # the same of directions where layers are clear: far behind these each direction alone is a ring
 _MOST_EVENTS = 24
 
 
@@ -65,7 +66,8 @@ def fineness(
     usual = np.asarray(mean.thickness * mean.sigma_t_prime[: mean.thickness.shape[0]])
     guiding = bool(np.any(usual < _THIN)) and dense > _WIDE * float(np.min(np.asarray(mean.sigma_t_prime)))  # light runs far in a thin clear layer
     far, absorbing = dense > _FAR * clear, float(np.min(np.asarray(mean.sigma_a / mean.sigma_t_prime))) > _ABSORBING
-    forward = float(np.max(np.asarray(high.g))) > _FORWARD
+    g = float(np.max(np.asarray(high.g)))
+    forward = g > _FORWARD
     if slab:
         enough, most, count = (40 if forward else 32) if thin else 24, 6 if forward else 5, 64
     elif guiding:
@@ -84,7 +86,7 @@ def fineness(
     total = float(np.sum(depth))
     few = near and total < (_FEW if below else _THIN)
     if near and below:
-        enough = max(enough, (40 if forward else 32) if few else _behind(total))
+        enough = max(enough, (48 if g > _VERY_FORWARD else 40 if forward else 32) if few else _behind(total))
     layout = _resolved(domain, lay_out(domain, streams or enough, 1, tables))
     layout = replace(layout, orders=min(orders or most, layout.terms))
     count = frequencies or count
@@ -108,7 +110,9 @@ def nearest(geometry: Radial, shift: tuple[float, float]) -> np.ndarray:
 
 def _events(domain: Domain, layout: Layout, count: int) -> Events:
     """Finer by what was found to be enough."""
-    finer = replace(layout, counts=tuple(round(_FINER * n) for n in layout.counts), orders=min(round(_MORE_ORDERS * layout.orders), layout.terms))
+    clear = bool(np.any((np.asarray(domain.low.sigma_s_prime) == 0.0) & (np.asarray(domain.high.thickness) > 0.0)))
+    share = _FINER_BESIDE_CLEAR if clear else _FINER
+    finer = replace(layout, counts=tuple(round(share * n) for n in layout.counts), orders=min(round(_MORE_ORDERS * layout.orders), layout.terms))
     return Events(finer, 2 * count, _enough_events(float(np.sum(np.asarray(medium(layout, domain.high).tau)))))
 
 

@@ -158,18 +158,18 @@ def unscattered(sample: Sample) -> Float[Array, ""]:
     """The beam where it leaves: share of it that was never scattered, the first-surface reflection left out."""
     parts = []
     for i, sheet in enumerate(sample.sheets):
-        parts.append(_beam(sample.faces[i]))
+        parts.append(beam_face(sample.faces[i]))
         deep = sample.half_space and i == len(sample.sheets) - 1
         T = Matrix((jnp.zeros(()) if deep else jnp.exp(-sheet.rate * sheet.depth))[None, None])
         parts.append(Response(T.zero(), T.zero(), T, T))
     if not sample.half_space:
-        parts.append(_beam(sample.faces[-1]))
+        parts.append(beam_face(sample.faces[-1]))
     if sample.above:
         return (reflection(parts).value - parts[0].R_above.value)[0, 0]
     return compose_all(parts).T_down.value[0, 0]
 
 
-def _beam(face: Response[Matrix]) -> Response[Matrix]:
+def beam_face(face: Response[Matrix]) -> Response[Matrix]:
     """A face for the beam alone."""
     return Response(*(Matrix(operator.value[0, -1:, -1:]) for operator in (face.R_above, face.R_below, face.T_down, face.T_up)))
 

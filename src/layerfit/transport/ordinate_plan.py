@@ -42,6 +42,7 @@ class FewEvents(eqx.Module):
     """Light after a few events, see `successive`. number : of events. The others as in `ProfilePlan`."""
 
     number: int = eqx.field(static=True)
+    clear: tuple[bool, ...] = eqx.field(static=True)
     layout: Layout
     points: Float[AnyArray, "points"]
     chain: Closing
@@ -136,7 +137,8 @@ def _few_events(domain: Domain, events: Events, interpolated: tuple[np.ndarray, 
     points, from_points, from_half = interpolated
     chain = Closing(*(np.broadcast_to(x, (points.size, *x.shape)) for x in endless_chain(events.layout.orders, _AZIMUTHS)))
     optics = optics_of(events.layout, middle(domain)) if domain.fixed_optics else None
-    return FewEvents(events.number, events.layout, points, chain, from_points, from_half, optics)
+    clear = tuple(map(bool, np.asarray(domain.high.sigma_s_prime) == 0.0))
+    return FewEvents(events.number, clear, events.layout, points, chain, from_points, from_half, optics)
 
 
 _NOTHING = 1e-12  # share of a frequency in all values below which its value does not matter: one that is cheaper does as well

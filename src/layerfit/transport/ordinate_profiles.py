@@ -1,7 +1,8 @@
 """Forward models of discrete ordinates in space and spatial frequency: R(r), T(r) and R(k).
 
 Three parts are added. Light scattered once, exactly (`once_scattered`). Diffusion, where it describes the sample at all, at all frequencies that a
-transform needs. And what both lack, at few frequencies, interpolated (`optics.frequencies`).
+transform needs; in thin samples light after a few events (`successive`). And what these lack, at few frequencies, interpolated
+(`optics.frequencies`).
 """
 
 from collections.abc import Sequence
@@ -32,6 +33,7 @@ _DIRECTIONS, _AZIMUTHS = 64, 64  # of light scattered once, in spatial frequency
 
 
 def sample_of(plan: ProfilePlan, layout: Layout, optics: Optics | None, columns: Columns) -> Sample:
+    """A stack on the directions of a layout."""
     grid, faces = optics_of(layout, columns) if optics is None else optics
     na = aperture(plan.geometry)
     numbers = medium(layout, columns)
@@ -46,7 +48,9 @@ def sample_of(plan: ProfilePlan, layout: Layout, optics: Optics | None, columns:
 def _after_few(plan: ProfilePlan, few: FewEvents, columns: Columns) -> Float[Array, "points"]:
     """Spectrum of light after a few events, by the fine setting."""
     sample = sample_of(plan, few.layout, few.optics, columns)
-    return at_frequencies(lambda sample, k, chain: successive(sample, k, chain, few.number), sample, few.points, few.chain, _block(few.points.size))
+    return at_frequencies(
+        lambda sample, k, chain: successive(sample, k, chain, few.number, few.clear), sample, few.points, few.chain, _block(few.points.size)
+    )
 
 
 def _values(plan: ProfilePlan, columns: Columns, shift: Float[Array, ""] | None) -> tuple[Float[Array, "values"], Float[Array, "values"]]:
@@ -58,7 +62,7 @@ def _values(plan: ProfilePlan, columns: Columns, shift: Float[Array, ""] | None)
     def not_simple(sample: Sample, k: Float[Array, ""], chain: Closing) -> Float[Array, ""]:
         """What neither diffusion nor an exact part describes."""
         often = scattered_often(sample, k, chain, plan.steps)
-        return often if few is None else often - successive(sample, k, chain, few.number)
+        return often if few is None else often - successive(sample, k, chain, few.number, few.clear)
 
     lacking = at_frequencies(not_simple, sample, points, plan.closing, _block(points.size))
     smooth = 0.0

@@ -23,11 +23,12 @@ from jax import Array
 from jaxtyping import Complex, Float
 
 from .frequency_layer import Closing, Sheet
-from .frequency_response import Sample
+from .frequency_response import Sample, beam_face
 from .matrix import Matrix
 from .response import Nothing, Response
 
 _STAGES = 8
+_TOLD = 40.0  # phase between the faces of a clear layer that 48 azimuths of half a circle can tell
 
 
 class _Stages(NamedTuple):
@@ -67,17 +68,25 @@ Light = list[Complex[Array, "ways n q s"]]  # of each layer, down and up, by azi
 
 
 class _Way(NamedTuple):
-    """One layer for light between two events. thickness : [mm]. modes : 1 + what each stage, direction and azimuth loses on the way."""
+    """One layer for light between two events.
+
+    thickness : [mm]. modes : 1 + what each stage, direction and azimuth loses on the way. passed : share of light that a clear layer lets through,
+    without waves too short for the azimuths.
+    """
 
     sheet: Sheet
     thickness: Float[Array, ""]
     out: Float[Array, "n"]
     modes: Complex[Array, "n q s"]
+    passed: Complex[Array, "n q"]
+    clear: bool
     chain: Closing
 
     def crossed(self, source: Complex[Array, "n q s"], entering: Complex[Array, "n q"]) -> Complex[Array, "n q s"]:
         """Light at the stages, in the direction of travel. source : [1/mm]."""
         rule = _stages(_STAGES)
+        if self.clear:
+            return jnp.stack([entering, entering * self.passed], axis=-1)[..., (0,) * (_STAGES - 1) + (1,)]
         right = entering[:, :, None] + self.thickness * (source @ rule.matrix.T)
         return ((right @ rule.inverse.T) / self.modes) @ rule.vectors.T
 
@@ -89,11 +98,13 @@ class _Way(NamedTuple):
         orders = jnp.einsum("onm,woms->wons", same, orders) + jnp.einsum("onm,woms->wons", other, orders[::-1])
         return self.by_azimuth(orders)
 
-    def of_beam(self, arrived: Float[Array, ""]) -> Complex[Array, "ways n q s"]:
-        """Source that the beam is. arrived : its power at the layer's top."""
-        beam = arrived * jnp.exp(-self.sheet.rate * self.thickness * _stages(_STAGES).place)
-        ways = 0.5 * jnp.stack([self.sheet.q + self.sheet.p, self.sheet.q - self.sheet.p])
-        return jnp.einsum("nq,wns->wnqs", self.chain.inverse[:, :, 0], ways[:, :, None] * beam)
+    def of_beams(self, down: Float[Array, ""], up: Float[Array, ""]) -> tuple[Complex[Array, "ways n q s"], Complex[Array, "ways n q s"]]:
+        """Sources that the two beams are. down, up : their powers where they enter the layer."""
+        beam = jnp.exp(-self.sheet.rate * self.thickness * _stages(_STAGES).place)
+        ways = 0.5 * jnp.stack([self.sheet.q + self.sheet.p, self.sheet.q - self.sheet.p])[:, :, None]
+        of_down, of_up = down * ways * beam, up * ways[::-1] * beam[::-1]
+        in_order_0 = self.chain.inverse[:, :, 0]
+        return jnp.einsum("nq,wns->wnqs", in_order_0, of_down), jnp.einsum("nq,wns->wnqs", in_order_0, of_up)
 
     def by_azimuth(self, light: Float[Array, "ways o n s"]) -> Complex[Array, "ways n q s"]:
         return jnp.einsum("nqo,wons->wnqs", self.chain.inverse, light)
@@ -116,10 +127,24 @@ def _shares(faces: tuple[Response[Matrix], ...], n: int) -> _Faces:
     return _Faces(*(jnp.stack(rows) for rows in zip(*map(of, faces), strict=True)))
 
 
-def successive(sample: Sample, k: Float[Array, ""], chain: Closing, events: int) -> Float[Array, ""]:
-    """What leaves one side at spatial frequency k after 2 to ``events`` events, the first of them the beam's scattering.
+def _beams(sample: Sample) -> list[tuple[Float[Array, ""], Float[Array, ""]]]:
+    """Power of the beam where it enters each layer from the top, and from the bottom after one reflection at any face below."""
+    faces = [beam_face(face) for face in sample.faces]
+    left = [jnp.exp(-sheet.rate * sheet.depth) for sheet in sample.sheets]
+    down, up = [faces[0].T_down.value[0, 0]], []
+    for i, share in enumerate(left[:-1]):
+        down.append(down[i] * share * faces[i + 1].T_down.value[0, 0])
+    rising = jnp.zeros(())
+    for i in reversed(range(len(left))):
+        up.insert(0, down[i] * left[i] * faces[i + 1].R_above.value[0, 0] + rising * faces[i + 1].T_up.value[0, 0])
+        rising = up[0] * left[i]
+    return list(zip(down, up, strict=True))
 
-    A reflection is an event. All layers are finite, all faces smooth; the beam itself is not reflected.
+
+def successive(sample: Sample, k: Float[Array, ""], chain: Closing, events: int, clear: tuple[bool, ...]) -> Float[Array, ""]:
+    """What leaves one side at spatial frequency k after 2 to ``events`` events; a reflection is an event, of the beam too, which has one at most.
+
+    clear : layers that do not scatter. All are finite, all faces smooth.
     """
     path, n = sample.path, sample.path.out.shape[1]
     rule, faces = _stages(_STAGES), _shares(sample.faces, n)
@@ -127,7 +152,8 @@ def successive(sample: Sample, k: Float[Array, ""], chain: Closing, events: int)
     ways = []
     for i, sheet in enumerate(sample.sheets):
         lost = (path.out[i][:, None] + k * path.tangent[i][:, None] * chain.modes) * path.thickness[i]
-        ways.append(_Way(sheet, path.thickness[i], path.out[i], 1.0 + lost[:, :, None] * rule.eigenvalues, chain))
+        blurred = jnp.exp(-lost - (jnp.abs(lost.imag) / _TOLD) ** 4)
+        ways.append(_Way(sheet, path.thickness[i], path.out[i], 1.0 + lost[:, :, None] * rule.eigenvalues, blurred, clear[i], chain))
 
     def crossed(sources: Light, down_from: list[Array], up_from: list[Array]) -> Light:
         """Light from sources, and what faces send into each layer from its top and from its bottom."""
@@ -147,10 +173,15 @@ def successive(sample: Sample, k: Float[Array, ""], chain: Closing, events: int)
         down_from = [found[1][..., 0] * faces.below[i][:, None] for i, found in enumerate(light)]
         up_from = [found[0][..., -1] * faces.above[i + 1][:, None] for i, found in enumerate(light)]
         light = crossed(sources, down_from, up_from)
-        leaving = light[0][1][..., 0] if sample.above else light[-1][0][..., -1]
+        return light, leaving(light)
+
+    def leaving(light: Light) -> Float[Array, ""]:
+        found = light[0][1][..., 0] if sample.above else light[-1][0][..., -1]
         passed = faces.passed[0 if sample.above else -1] * sample.collected
-        return light, jnp.sum(chain.vectors[:, 0] * leaving * passed[:, None]).real
+        return jnp.sum(chain.vectors[:, 0] * found * passed[:, None]).real
 
     none = [jnp.zeros_like(chain.modes)] * len(ways)
-    once = crossed([way.of_beam(jnp.exp(-path.entered(i))) for i, way in enumerate(ways)], none, none)
-    return jnp.sum(jax.lax.scan(event, once, length=events - 1)[1])
+    sources = [way.of_beams(*powers) for way, powers in zip(ways, _beams(sample), strict=True)]
+    once, mirrored = (crossed([pair[way] for pair in sources], none, none) for way in (0, 1))
+    start = jax.tree.map(jnp.add, once, mirrored)
+    return leaving(mirrored) + jnp.sum(jax.lax.scan(event, start, length=events - 1)[1])
