@@ -28,7 +28,6 @@ from .matrix import Matrix
 from .response import Nothing, Response
 
 _STAGES = 8
-_TOLD = 40.0  # phase between the faces of a clear layer that 48 azimuths of half a circle can tell
 
 
 class _Stages(NamedTuple):
@@ -70,8 +69,7 @@ Light = list[Complex[Array, "ways n q s"]]  # of each layer, down and up, by azi
 class _Way(NamedTuple):
     """One layer for light between two events.
 
-    thickness : [mm]. modes : 1 + what each stage, direction and azimuth loses on the way. passed : share of light that a clear layer lets through,
-    without waves too short for the azimuths.
+    thickness : [mm]. modes : 1 + what each stage, direction and azimuth loses on the way. passed : share of light that a clear layer lets through.
     """
 
     sheet: Sheet
@@ -141,10 +139,11 @@ def _beams(sample: Sample) -> list[tuple[Float[Array, ""], Float[Array, ""]]]:
     return list(zip(down, up, strict=True))
 
 
-def successive(sample: Sample, k: Float[Array, ""], chain: Closing, events: int, clear: tuple[bool, ...]) -> Float[Array, ""]:
+def successive(sample: Sample, k: Float[Array, ""], chain: Closing, events: int, clear: tuple[bool, ...], told: float = np.inf) -> Float[Array, ""]:
     """What leaves one side at spatial frequency k after 2 to ``events`` events; a reflection is an event, of the beam too, which has one at most.
 
-    clear : layers that do not scatter. All are finite, all faces smooth.
+    clear : layers that do not scatter. told : phase between the faces of a clear layer beyond which waves are damped. All layers are finite, all
+    faces smooth.
     """
     path, n = sample.path, sample.path.out.shape[1]
     rule, faces = _stages(_STAGES), _shares(sample.faces, n)
@@ -152,7 +151,7 @@ def successive(sample: Sample, k: Float[Array, ""], chain: Closing, events: int,
     ways = []
     for i, sheet in enumerate(sample.sheets):
         lost = (path.out[i][:, None] + k * path.tangent[i][:, None] * chain.modes) * path.thickness[i]
-        blurred = jnp.exp(-lost - (jnp.abs(lost.imag) / _TOLD) ** 4)
+        blurred = jnp.exp(-lost - (jnp.abs(lost.imag) / told) ** 4)
         ways.append(_Way(sheet, path.thickness[i], path.out[i], 1.0 + lost[:, :, None] * rule.eigenvalues, blurred, clear[i], chain))
 
     def crossed(sources: Light, down_from: list[Array], up_from: list[Array]) -> Light:
