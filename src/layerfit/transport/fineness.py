@@ -68,8 +68,9 @@ def fineness(
     far, absorbing = dense > _FAR * clear, float(np.min(np.asarray(mean.sigma_a / mean.sigma_t_prime))) > _ABSORBING
     g = float(np.max(np.asarray(high.g)))
     forward = g > _FORWARD
+    of_thin = 40 if forward else 32
     if slab:
-        enough, most, count = (40 if forward else 32) if thin else 24, 6 if forward else 5, 64
+        enough, most, count = of_thin if thin else 24, 6 if forward else 5, 64
     elif guiding:
         enough, most, count = 40 if low.half_space else 56, 5, 48
     elif wide and not low.half_space:
@@ -86,7 +87,7 @@ def fineness(
     total = float(np.sum(depth))
     few = near and total < (_FEW if below else _THIN)
     if near and below:
-        enough = max(enough, (48 if g > _VERY_FORWARD else 40 if forward else 32) if few else _behind(total))
+        enough = max(enough, _behind(total) if not few else 48 if g > _VERY_FORWARD else of_thin)
     layout = _resolved(domain, lay_out(domain, streams or enough, 1, tables))
     layout = replace(layout, orders=min(orders or most, layout.terms))
     count = frequencies or count

@@ -29,7 +29,6 @@ from .spectral import aperture
 from .successive import successive
 
 _BLOCK = 16  # frequencies worked on at a time, at most
-_TOLD = 40.0  # phase that the azimuths of light after a few events can tell
 _DIRECTIONS, _AZIMUTHS = 64, 64  # of light scattered once, in spatial frequency
 
 

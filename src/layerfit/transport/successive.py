@@ -25,7 +25,7 @@ from jaxtyping import Complex, Float
 from .frequency_layer import Closing, Sheet
 from .frequency_response import Sample, beam_face
 from .matrix import Matrix
-from .response import Nothing, Response
+from .response import Response
 
 _STAGES = 8
 
@@ -42,6 +42,7 @@ class _Stages(NamedTuple):
 
 @cache
 def _stages(count: int) -> _Stages:
+    """The matrix integrates polynomials of less than count - 1 degrees from 0 to each place, its first column is the first weight."""
     last = np.polynomial.legendre.Legendre.basis(count - 1)
     place = 0.5 + 0.5 * np.concatenate([[-1.0], np.sort(last.deriv().roots().real), [1.0]])
     weight = 1.0 / (count * (count - 1) * last(2.0 * place - 1.0) ** 2)
@@ -69,11 +70,11 @@ Light = list[Complex[Array, "ways n q s"]]  # of each layer, down and up, by azi
 class _Way(NamedTuple):
     """One layer for light between two events.
 
-    thickness : [mm]. modes : 1 + what each stage, direction and azimuth loses on the way. passed : share of light that a clear layer lets through.
+    out : attenuation of each direction, per depth [1/mm]. modes : 1 + what each stage, direction and azimuth loses on the way. passed : share of
+    light that a clear layer lets through.
     """
 
     sheet: Sheet
-    thickness: Float[Array, ""]
     out: Float[Array, "n"]
     modes: Complex[Array, "n q s"]
     passed: Complex[Array, "n q"]
@@ -85,7 +86,7 @@ class _Way(NamedTuple):
         rule = _stages(_STAGES)
         if self.clear:
             return jnp.stack([entering, entering * self.passed], axis=-1)[..., (0,) * (_STAGES - 1) + (1,)]
-        right = entering[:, :, None] + self.thickness * (source @ rule.matrix.T)
+        right = entering[:, :, None] + self.sheet.depth * (source @ rule.matrix.T)
         return ((right @ rule.inverse.T) / self.modes) @ rule.vectors.T
 
     def scattered(self, light: Complex[Array, "ways n q s"]) -> Complex[Array, "ways n q s"]:
@@ -94,18 +95,15 @@ class _Way(NamedTuple):
         other = 0.5 * (self.sheet.P - self.sheet.M)
         orders = jnp.einsum("noq,wnqs->wons", self.chain.vectors, light).real
         orders = jnp.einsum("onm,woms->wons", same, orders) + jnp.einsum("onm,woms->wons", other, orders[::-1])
-        return self.by_azimuth(orders)
+        return jnp.einsum("nqo,wons->wnqs", self.chain.inverse, orders)
 
     def of_beams(self, down: Float[Array, ""], up: Float[Array, ""]) -> tuple[Complex[Array, "ways n q s"], Complex[Array, "ways n q s"]]:
         """Sources that the two beams are. down, up : their powers where they enter the layer."""
-        beam = jnp.exp(-self.sheet.rate * self.thickness * _stages(_STAGES).place)
+        beam = jnp.exp(-self.sheet.rate * self.sheet.depth * _stages(_STAGES).place)
         ways = 0.5 * jnp.stack([self.sheet.q + self.sheet.p, self.sheet.q - self.sheet.p])[:, :, None]
         of_down, of_up = down * ways * beam, up * ways[::-1] * beam[::-1]
         in_order_0 = self.chain.inverse[:, :, 0]
         return jnp.einsum("nq,wns->wnqs", in_order_0, of_down), jnp.einsum("nq,wns->wnqs", in_order_0, of_up)
-
-    def by_azimuth(self, light: Float[Array, "ways o n s"]) -> Complex[Array, "ways n q s"]:
-        return jnp.einsum("nqo,wons->wnqs", self.chain.inverse, light)
 
 
 class _Faces(NamedTuple):
@@ -118,8 +116,6 @@ class _Faces(NamedTuple):
 
 def _shares(faces: tuple[Response[Matrix], ...], n: int) -> _Faces:
     def of(face: Response[Matrix]) -> tuple[Array, ...]:
-        if isinstance(face, Nothing):
-            return jnp.zeros(n), jnp.zeros(n), jnp.ones(n)
         return tuple(jnp.diagonal(operator.value[0])[:n] for operator in (face.R_above, face.R_below, face.T_down))
 
     return _Faces(*(jnp.stack(rows) for rows in zip(*map(of, faces), strict=True)))
@@ -139,20 +135,18 @@ def _beams(sample: Sample) -> list[tuple[Float[Array, ""], Float[Array, ""]]]:
     return list(zip(down, up, strict=True))
 
 
-def successive(sample: Sample, k: Float[Array, ""], chain: Closing, events: int, clear: tuple[bool, ...], told: float = np.inf) -> Float[Array, ""]:
+def successive(sample: Sample, k: Float[Array, ""], chain: Closing, events: int, clear: tuple[bool, ...]) -> Float[Array, ""]:
     """What leaves one side at spatial frequency k after 2 to ``events`` events; a reflection is an event, of the beam too, which has one at most.
 
-    clear : layers that do not scatter. told : phase between the faces of a clear layer beyond which waves are damped. All layers are finite, all
-    faces smooth.
+    clear : layers that do not scatter. All layers are finite, all faces smooth.
     """
     path, n = sample.path, sample.path.out.shape[1]
     rule, faces = _stages(_STAGES), _shares(sample.faces, n)
     chain = Closing(chain.share, *(jnp.broadcast_to(x, (n, *x.shape[1:])) for x in chain[1:]))
     ways = []
     for i, sheet in enumerate(sample.sheets):
-        lost = (path.out[i][:, None] + k * path.tangent[i][:, None] * chain.modes) * path.thickness[i]
-        blurred = jnp.exp(-lost - (jnp.abs(lost.imag) / told) ** 4)
-        ways.append(_Way(sheet, path.thickness[i], path.out[i], 1.0 + lost[:, :, None] * rule.eigenvalues, blurred, clear[i], chain))
+        lost = (path.out[i][:, None] + k * path.tangent[i][:, None] * chain.modes) * sheet.depth
+        ways.append(_Way(sheet, path.out[i], 1.0 + lost[:, :, None] * rule.eigenvalues, jnp.exp(-lost), clear[i], chain))
 
     def crossed(sources: Light, down_from: list[Array], up_from: list[Array]) -> Light:
         """Light from sources, and what faces send into each layer from its top and from its bottom."""
