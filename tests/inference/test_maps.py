@@ -122,7 +122,9 @@ def test_store_goes_on(stated, image, maps, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         lf.fit_map(stated, image, limits=(0.0, 0.98), block=7, store=store, on_tiles=stop)
     there = lf.open_map(store).compute()
-    assert np.sum(there.outcome >= 0) == 14 and np.all(there.outcome[2:] == -1) and np.all(np.isnan(there["deep.sigma_a"][2:]))
+    untouched = np.all(there.outcome.values == -1, axis=1)  # tiles are rows here, done in any order
+    assert np.sum(untouched) == 4 and np.all(there.outcome.values[~untouched] >= 0)
+    assert np.all(np.isnan(there["deep.sigma_a"].values[untouched]))
     done.clear()
     found = lf.fit_map(stated, image, limits=(0.0, 0.98), block=7, store=store, on_tiles=stop)
     assert done == [(i, 4) for i in range(5)]
