@@ -27,6 +27,11 @@ from cases import NAMES, load
 BANDS = ((0.1, 0.5, 0.02), (0.5, 1.0, 0.005), (1.0, 3.0, 0.005), (3.0, 10.0, 0.005), (10.0, np.inf, 0.005))
 
 
+def allowed_share(r):
+    """Largest relative deviation at distances r, where 3 standard errors are less."""
+    return np.select([r < end for _, end, _ in BANDS], [share for _, _, share in BANDS])
+
+
 def held_against(case, side, solver):
     """Values, stated and true errors of one profile, and seconds: the first call with its error estimate, a warm call."""
     low, high = case.rings
@@ -51,12 +56,12 @@ def judged(row):
     """One table row: per band the median deviation and the rings out of bounds; then how honest the stated error is."""
     r, value, stated, reference, se = (np.array(row[name]) for name in ("r", "value", "stated", "reference", "se"))
     cells, out, total = [], 0, 0
-    for start, end, share in BANDS:
+    for start, end, _ in BANDS:
         m = (r >= start) & (r < end)
         if not m.any():
             cells.append("")
             continue
-        allowed = np.maximum(share * reference[m], 3.0 * se[m])
+        allowed = np.maximum(allowed_share(r[m]) * reference[m], 3.0 * se[m])
         beyond = ~(np.abs(value - reference)[m] <= allowed)
         out, total = out + int(beyond.sum()), total + int(m.sum())
         cells.append(f"{100 * np.median(value[m] / reference[m] - 1):+.2f}" + (f" ({beyond.sum()} of {m.sum()} out)" if beyond.any() else ""))

@@ -102,7 +102,9 @@ def test_impossible_rows_are_named(fitted):
     assert "row 2" in str(found)
 
 
-@pytest.mark.parametrize(("letters", "held"), [("r", "sigma_s_prime"), ("t", "sigma_a"), ("r t", "sigma_s_prime")])
+@pytest.mark.parametrize(
+    ("letters", "held"), [("r", "sigma_s_prime"), pytest.param("t", "sigma_a", marks=pytest.mark.long), ("r t", "sigma_s_prime")]
+)
 def test_one_total_gives_one_number(tmp_path, letters, held):
     """M_R or M_T alone, and both, with a number held, one a row: the other to 1e-4. What is not known has no standard error."""
     truth, solver = np.array([[0.1, 2.0], [0.02, 8.0]]), lf.DiscreteOrdinates(streams=16)
@@ -200,6 +202,7 @@ def test_known_answers_of_basic_a():
 
 
 @real
+@pytest.mark.long
 def test_basic_d_was_made_with_four_directions():
     """Why its R and T lie up to 2 % off its own answers: four directions give them to 5e-7. With 200 in their place the answers are found."""
     file = lf.read_rxt(SHARED / "0_sphere" / "basic_D.rxt")

@@ -20,7 +20,10 @@ def leaf(roughness, n, *, turned=False):
     return lf.Stack(stack, roughness_below=roughness[2])
 
 
-@pytest.mark.parametrize(("roughness", "n"), [((0.0, 0.0, 0.0), 1.33), ((0.4, 0.1, 0.2), 1.33)], ids=["smooth", "rough"])
+@pytest.mark.parametrize(
+    ("roughness", "n"),
+    [pytest.param((0.0, 0.0, 0.0), 1.33, id="smooth", marks=pytest.mark.long), pytest.param((0.4, 0.1, 0.2), 1.33, id="rough")],
+)
 def test_two_sides(roughness, n):
     """Reflectance tells the sides apart, transmittance cannot: T is equal, and BTDF(mu, mu') is that of the turned leaf from mu' to mu."""
     upper, lower = leaf(roughness, n), leaf(roughness, n, turned=True)

@@ -59,11 +59,17 @@ def test_transport_agrees_without_them():
 
 def test_a_fit_keeps_what_its_bounds_show():
     r = lf.RadialReflectance(r=np.geomspace(0.3, 4.0, 8))
-    data = lf.Dataset(r, lf.predict(stack(), r)[0].values, noise=lf.Noise(relative=0.01))
+    data = lf.Dataset(r, lf.predict(stack(), r, solver=lf.DiscreteOrdinates())[0].values, noise=lf.Noise(relative=0.01))
     tight = lf.Problem(stack(), data, free={"top.sigma_a": (0.2, 0.5)})
     wide = lf.Problem(stack(), data, free={"top.sigma_a": (0.2, 0.5), "top.thickness": (0.1, 10.0)})
     assert tight.chosen.layers == 1 and wide.chosen.layers is None
-    fit = lf.fit(tight, starts=1)
+
+
+@pytest.mark.long
+def test_a_fit_says_what_it_left_out():
+    r = lf.RadialReflectance(r=np.geomspace(0.3, 4.0, 8))
+    data = lf.Dataset(r, lf.predict(stack(), r)[0].values, noise=lf.Noise(relative=0.01))
+    fit = lf.fit(lf.Problem(stack(), data, free={"top.sigma_a": (0.2, 0.5)}), starts=1)
     assert abs(fit.parameters["top.sigma_a"].value / 0.3 - 1) <= 0.01
     assert any("not seen" in note for note in fit.warnings) or "not seen" in fit.summary()
 

@@ -40,6 +40,8 @@ _FEW = 0.8  # transport optical thickness of a whole sample, below which few eve
 _FINER, _MORE_ORDERS = 1.3, 2.7  # directions and azimuthal orders of light after a few events, as a share of those of all light
 _FINER_BESIDE_CLEAR = 4.0  # the same of directions where layers are clear: far behind these each direction alone is a ring
 _MOST_EVENTS = 24
+_CLEAR = 0.05  # optical thickness of a layer that dims light little, however far along it that gets
+_GRAZING = 12  # directions of the outermost panel of such a layer between ones of higher index
 
 
 def fineness(
@@ -85,10 +87,13 @@ def fineness(
         else:
             count = 32 if wide or forward or dark else 24
     total = float(np.sum(depth))
-    few = near and total < (_FEW if below else _THIN)
+    few = near and total < (_FEW if below or _clear(domain) else _THIN)
     if near and below:
         enough = max(enough, _behind(total) if not few else 48 if g > _VERY_FORWARD else of_thin)
-    layout = _resolved(domain, lay_out(domain, streams or enough, 1, tables))
+    layout = lay_out(domain, streams or enough, 1, tables)
+    if streams is None and guiding:
+        layout = _with_grazing(mean, layout)
+    layout = _resolved(domain, layout)
     layout = replace(layout, orders=min(orders or most, layout.terms))
     count = frequencies or count
     return Fineness(layout, count, slab or guiding, _events(domain, layout, count) if few else None)
@@ -111,10 +116,24 @@ def nearest(geometry: Radial, shift: tuple[float, float]) -> np.ndarray:
 
 def _events(domain: Domain, layout: Layout, count: int) -> Events:
     """Finer by what was found to be enough."""
-    clear = bool(np.any((np.asarray(domain.low.sigma_s_prime) == 0.0) & (np.asarray(domain.high.thickness) > 0.0)))
-    share = _FINER_BESIDE_CLEAR if clear else _FINER
+    share = _FINER_BESIDE_CLEAR if _clear(domain) else _FINER
     finer = replace(layout, counts=tuple(round(share * n) for n in layout.counts), orders=min(round(_MORE_ORDERS * layout.orders), layout.terms))
     return Events(finer, 2 * count, _enough_events(float(np.sum(np.asarray(medium(layout, domain.high).tau)))))
+
+
+def _clear(domain: Domain) -> bool:
+    """Whether any layer does not scatter."""
+    return bool(np.any((np.asarray(domain.low.sigma_s_prime) == 0.0) & (np.asarray(domain.high.thickness) > 0.0)))
+
+
+def _with_grazing(columns: Columns, layout: Layout) -> Layout:
+    """More directions where a clear layer between denser ones ends: what faces let through there varies quickly with the angle."""
+    n = np.asarray(media(columns))
+    edges = np.sort([float(n[layout.groups.index(group)]) for group in range(len(layout.counts))])
+    extinction = np.asarray(columns.sigma_a + columns.sigma_s_prime / (1.0 - columns.g))
+    depth = np.asarray(columns.thickness) * extinction[: columns.thickness.shape[0]]
+    ends = {int(np.searchsorted(edges, n[i])) for i in 1 + np.flatnonzero(depth < _CLEAR) if n[i - 1] > n[i] < n[min(i + 1, n.size - 1)]}
+    return replace(layout, counts=tuple(max(count, _GRAZING) if k in ends else count for k, count in enumerate(layout.counts)))
 
 
 def _enough_events(tau: float) -> int:

@@ -156,19 +156,21 @@ def _smoothing(distances: np.ndarray, columns: Columns, points: np.ndarray) -> n
     return np.exp(-x) * (1.0 + x + 0.5 * x**2)
 
 
-_OPEN, _DULL = 4.0, 1.0
+_OPEN, _DULL, _DULL_BOTH = 4.0, 1.0, 0.3
 
 
 def _open(domain: Domain, layout: Layout) -> tuple[bool, ...]:
     """Layers that light crosses unscattered in a share that matters, from or to others that scatter it.
 
-    Light trapped between two faces crosses so often that its directions, projected each time, are lost: there ordinates alone do better.
+    Light trapped between two faces crosses so often that its directions, projected each time, are lost: there ordinates alone do better. It is not
+    trapped between layers that scatter on both sides.
     """
     low = domain.low
     finite = low.thickness.shape[0]
     depth = np.asarray(medium(layout, low).extinction[:finite] * low.thickness)
     dull = np.append(np.asarray(low.thickness * low.sigma_t_prime[:finite]), [np.inf] if low.half_space else [])
-    crossed = [depth[i] < _OPEN and max(np.sum(dull[:i]), np.sum(dull[i + 1 :])) > _DULL for i in range(finite)]
+    sides = [(np.sum(dull[:i]), np.sum(dull[i + 1 :])) for i in range(finite)]
+    crossed = [depth[i] < _OPEN and (max(sides[i]) > _DULL or min(sides[i]) > _DULL_BOTH) for i in range(finite)]
     return (*map(bool, crossed), *[False] * low.half_space)
 
 
