@@ -5,7 +5,8 @@
 
 Each ring is allowed the larger of 0.5 % and 3 standard errors of the Monte Carlo beyond half a transport mean free path of the first layer, of 2 %
 and 3 standard errors from a tenth to a half. "covered": rings whose deviation is below the error that the solver states and 2 standard errors of
-the Monte Carlo together. Rings whose standard error is above 10 % are left out.
+the Monte Carlo together. Rings whose standard error is above 10 % are left out. Those out of bounds, some of which are so by chance, are looked at
+again with a second Monte Carlo by transport_second_look.py.
 """
 
 import json

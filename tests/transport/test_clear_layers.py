@@ -61,3 +61,13 @@ def test_directions_along_a_film():
     assert layouts("film")[1] == layouts("thin_film_thin")[1] == 12
     assert layouts("film", streams=40)[1] == 6
     assert layouts("between_slides") == (10, 10, 1)
+
+
+def test_directions_along_a_thin_layer_of_a_thick_slab():
+    """Light runs along it for twenty thicknesses: with 14 directions there R is off by 0.7 % at its far end."""
+    thin, thick = (lf.Layer(name, sigma_a=0.005 * s, sigma_s=s, g=0.0, n=1.4, thickness=d) for name, s, d in (("a", 0.2, 0.5), ("b", 2.0, 10.0)))
+    for half_space in (False, True):
+        below = lf.HalfSpace("b", sigma_a=0.01, sigma_s=2.0, g=0.0, n=1.4) if half_space else thick
+        columns = to_columns(stack := lf.Stack([thin, below]))
+        forward = lf.DiscreteOrdinates().forward(Domain(stack, columns, columns), [lf.RadialReflectance(r=[5.0])], [(0.0, 0.0)])
+        assert forward.plans[0].layout.counts == ((10, 10) if half_space else (14, 20))

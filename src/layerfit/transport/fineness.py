@@ -42,6 +42,7 @@ _FINER_BESIDE_CLEAR = 4.0  # the same of directions where layers are clear: far 
 _MOST_EVENTS = 24
 _CLEAR = 0.05  # optical thickness of a layer that dims light little, however far along it that gets
 _GRAZING = 12  # directions of the outermost panel of such a layer between ones of higher index
+_GRAZING_IN_THICK = 20  # the same of any thin clear layer of a sample that is neither thin nor endless: light runs along it for twenty thicknesses
 
 
 def fineness(
@@ -66,7 +67,8 @@ def fineness(
     dense, clear = scales(mean)
     wide = dense > _WIDE * clear
     usual = np.asarray(mean.thickness * mean.sigma_t_prime[: mean.thickness.shape[0]])
-    guiding = bool(np.any(usual < _THIN)) and dense > _WIDE * float(np.min(np.asarray(mean.sigma_t_prime)))  # light runs far in a thin clear layer
+    guides = (usual < _THIN) & (dense > _WIDE * np.asarray(mean.sigma_t_prime)[: usual.size])  # light runs far in a thin clear layer
+    guiding = bool(np.any(guides))
     far, absorbing = dense > _FAR * clear, float(np.min(np.asarray(mean.sigma_a / mean.sigma_t_prime))) > _ABSORBING
     g = float(np.max(np.asarray(high.g)))
     forward = g > _FORWARD
@@ -92,7 +94,9 @@ def fineness(
         enough = max(enough, _behind(total) if not few else 48 if g > _VERY_FORWARD else of_thin)
     layout = lay_out(domain, streams or enough, 1, tables)
     if streams is None and guiding:
-        layout = _with_grazing(mean, layout)
+        layout = _with_grazing(mean, layout, _between_denser(mean), _GRAZING)
+        if not (slab or low.half_space):
+            layout = _with_grazing(mean, layout, guides, _GRAZING_IN_THICK)
     layout = _resolved(domain, layout)
     layout = replace(layout, orders=min(orders or most, layout.terms))
     count = frequencies or count
@@ -126,14 +130,21 @@ def _clear(domain: Domain) -> bool:
     return bool(np.any((np.asarray(domain.low.sigma_s_prime) == 0.0) & (np.asarray(domain.high.thickness) > 0.0)))
 
 
-def _with_grazing(columns: Columns, layout: Layout) -> Layout:
-    """More directions where a clear layer between denser ones ends: what faces let through there varies quickly with the angle."""
+def _between_denser(columns: Columns) -> np.ndarray:
+    """Which finite layers are clear, between ones of higher index: what their faces let through varies quickly with the angle near grazing."""
     n = np.asarray(media(columns))
-    edges = np.sort([float(n[layout.groups.index(group)]) for group in range(len(layout.counts))])
     extinction = np.asarray(columns.sigma_a + columns.sigma_s_prime / (1.0 - columns.g))
     depth = np.asarray(columns.thickness) * extinction[: columns.thickness.shape[0]]
-    ends = {int(np.searchsorted(edges, n[i])) for i in 1 + np.flatnonzero(depth < _CLEAR) if n[i - 1] > n[i] < n[min(i + 1, n.size - 1)]}
-    return replace(layout, counts=tuple(max(count, _GRAZING) if k in ends else count for k, count in enumerate(layout.counts)))
+    denser = [n[i] > n[i + 1] < n[min(i + 2, n.size - 1)] for i in range(depth.size)]
+    return (depth < _CLEAR) & np.array(denser, dtype=bool)
+
+
+def _with_grazing(columns: Columns, layout: Layout, which: np.ndarray, least: int) -> Layout:
+    """At least so many directions in the outermost panels of some finite layers, where that has light."""
+    n = np.asarray(media(columns))
+    edges = np.sort([float(n[layout.groups.index(group)]) for group in range(len(layout.counts))])
+    ends = {int(np.searchsorted(edges, n[1 + i])) for i in np.flatnonzero(which)}
+    return replace(layout, counts=tuple(max(count, least) if k in ends and count > 1 else count for k, count in enumerate(layout.counts)))
 
 
 def _enough_events(tau: float) -> int:
