@@ -477,6 +477,13 @@ def test_double_precision():
     assert "float32" in imported(f"import os; os.environ['JAX_ENABLE_X64'] = '0'; import layerfit; {show}")
 
 
+def test_programs_run_where_they_are_called():
+    """No thread of its own for each program on the CPU, unless the user has chosen."""
+    show = "import jax, sys, layerfit.compilation; print('apart', jax.config.values['jax_cpu_enable_async_dispatch'], file=sys.stderr)"
+    assert "False" in imported(show)
+    assert "True" in imported(f"import os; os.environ['JAX_CPU_ENABLE_ASYNC_DISPATCH'] = '1'; {show}")
+
+
 @pytest.mark.parametrize("command", ["", *sorted(main.commands)])
 def test_help_reads_well_at_80_columns(command):
     """Nothing is wider, every option says what it is, and no line of text is cut off."""

@@ -1,4 +1,4 @@
-"""Double precision: the one setting that importing layerfit changes."""
+"""Double precision: what importing layerfit changes of JAX (and `compilation`, for calls on the CPU)."""
 
 import os
 import sys

@@ -13,6 +13,7 @@ from jax import Array
 from jaxtyping import Float
 
 from ..arrays import AnyArray
+from ..compilation import at_once
 from ..optics.linear_algebra import inverse
 from .matrix import Matrix
 from .ordinate_functions import Parts, Problem, half_space, slab
@@ -83,11 +84,12 @@ def problem(kernel: Scattering, directions: Directions, albedo: Float[Array, ""]
     M = attenuation - even[:, :n]
     null = directions.root
     lost = jnp.where(order == 0, absorbed * rate[:n] * null, M @ null)
+    P, M, p, q, lost = at_once(attenuation - odd[:, :n], M, odd[:, n:], even[:, n:], lost)
     return Problem(
-        P=attenuation - odd[:, :n],
+        P=P,
         M=M,
-        p=odd[:, n:],
-        q=even[:, n:],
+        p=p,
+        q=q,
         rate=rate[n:],
         pc=between * kernel.odd_corner,
         qc=between * kernel.even_corner,
@@ -104,10 +106,10 @@ def layer(problem: Problem, tau: Float[Array, ""]) -> Response[Matrix]:
     one = jnp.eye(parts.Y.shape[0])
     Zi, Yi = inverse(one + jnp.stack([parts.Z, parts.Y]))
     t = jnp.tanh(h * problem.rate)
-    half = 1.0 / (1.0 + t)
-    passing = jnp.exp(-2.0 * h * problem.rate)
-    z, y = -(Zi @ parts.z) * half, -(Yi @ parts.y) * half
-    through = Yi @ (parts.S @ z + parts.s * half) + y * (1.0 - t)
+    t, half, passing = at_once(t, 1.0 / (1.0 + t), jnp.exp(-2.0 * h * problem.rate))
+    z = -(Zi @ parts.z) * half
+    y, through = jnp.split(Yi @ jnp.concatenate([-parts.y * half, parts.S @ z + parts.s * half], axis=1), 2, axis=1)
+    through = through + y * (1.0 - t)
     zc, yc = (
         half[:views, None] * (side[:, :views].T @ inner @ side[:, views:] - corner) * half[views:]
         for side, inner, corner in ((parts.z, Zi, parts.zc), (parts.y, Yi, parts.yc))

@@ -20,6 +20,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
+from ..compilation import at_once
 from ..optics.differences import second_differences, third_difference
 from ..optics.linear_algebra import cholesky, eigh, inverse
 from ..optics.special import divided_differences, tanhc
@@ -78,15 +79,14 @@ def modes(problem: Problem) -> Modes:
     y = L_inverse @ problem.null
     length = jnp.linalg.norm(y)
     sign = jnp.where(y[0] < 0, -1.0, 1.0)
-    v = y.at[0].add(sign * length)
-    scale = 2.0 / jnp.sum(v**2)
+    v, scale, back = at_once(y.at[0].add(sign * length), 1.0 / (length * (length + jnp.abs(y[0]))), -sign / length)
 
     def reflect(a: Float[Array, "n *k"]) -> Float[Array, "n *k"]:
         return a - scale * jnp.tensordot(v, jnp.tensordot(v, a, 1), 0)  # first axis: y becomes a multiple of the first unit vector
 
     turned = reflect(L.T).T  # L H
     A = turned.T @ problem.M @ turned
-    first = turned.T @ problem.lost * (-sign / length)
+    first = turned.T @ problem.lost * back
     A = A.at[0, :].set(first).at[:, 0].set(first)
     value, Q = eigh(A)
     return Modes(jnp.maximum(value, 0.0), turned @ Q, Q.T @ reflect(L_inverse))
@@ -131,9 +131,13 @@ def _slab(problem: Problem, h: Float[Array, ""], m: Modes) -> Parts:
     t = _prepare(problem, h, m)
     up, down = m.inverse.T, m.B
     sech2 = 1.0 / jnp.cosh(jnp.minimum(jnp.sqrt(t.x), 350.0)) ** 2
+    tanh1, sech1, phi, phi_chi, sech2 = at_once(t.tanh1, t.sech1, t.phi, t.phi_chi, sech2)
+    t = t._replace(tanh1=tanh1, sech1=sech1, phi=phi, phi_chi=phi_chi)
     fed = t.tanh1 * t.c
     y = h * (fed * problem.rate - t.phi[:, None] * t.p)
     z = h * (m.value[:, None] * fed - t.phi_chi * t.q)
+    of_Y, of_Z, of_S, y, z, s = at_once(h * (down * t.phi), h * (up * (m.value * t.phi)), down * sech2, y, z, t.sech1 * t.c)
+    y, s = jnp.split(down @ jnp.concatenate([y, s], axis=1), 2, axis=1)
     views, beams = _split(problem)
     corner, _, _ = _corner(problem, h, t)
     sight = (t.r * t.tanh1)[:, views]
@@ -143,12 +147,12 @@ def _slab(problem: Problem, h: Float[Array, ""], m: Modes) -> Parts:
     # trapped in it multiplies that by 1/h^2
     thin = h <= _THIN
     return Parts(
-        Y=jnp.where(thin, h * problem.P, h * (down * t.phi) @ down.T),
-        Z=jnp.where(thin, h * problem.M, h * (up * (m.value * t.phi)) @ up.T),
-        S=jnp.where(thin, jnp.eye(t.x.size), (down * sech2) @ m.inverse),
-        y=down @ y,
+        Y=jnp.where(thin, h * problem.P, of_Y @ down.T),
+        Z=jnp.where(thin, h * problem.M, of_Z @ up.T),
+        S=jnp.where(thin, jnp.eye(t.x.size), of_S @ m.inverse),
+        y=y,
         z=up @ z,
-        s=down @ (t.sech1 * t.c),
+        s=s,
         yc=yc,
         zc=zc,
     )

@@ -10,6 +10,7 @@ from jax import Array
 from jaxtyping import Bool, Float
 
 from ..arrays import AnyArray
+from ..compilation import at_once
 from ..optics.phase import delta_m, henyey_greenstein_moments, legendre_functions
 from ..optics.quadrature import Ordinates, allot, cosine, ordinates, panel_shares
 from ..scene.columns import Columns
@@ -171,7 +172,8 @@ def medium(layout: Layout, columns: Columns) -> Medium:
     tau = (extinction * left)[:finite] * columns.thickness
     least = jnp.where(clear[:finite] | (len(set(layout.groups)) == 1), _LEAST_DEPTH, _LEAST_DEPTH_OF_A_TRAP)
     tau = tau + jax.lax.stop_gradient(jnp.maximum(least - tau, 0.0))
-    return Medium(tau, albedo, absorbed, moments, forward, extinction * left)
+    tau, albedo, absorbed, extinction = at_once(tau, albedo, absorbed, extinction * left)
+    return Medium(tau, albedo, absorbed, moments, forward, extinction)
 
 
 def _padded(table: tuple[float, ...], count: int) -> Float[Array, "l"]:
