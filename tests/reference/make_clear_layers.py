@@ -6,6 +6,7 @@ Films between scattering layers, far from the source, where the light came along
 from pathlib import Path
 
 import numpy as np
+from ring_rows import ring_rows
 
 import layerfit as lf
 
@@ -59,9 +60,7 @@ def main() -> None:
         kinds = {"R": lf.RadialReflectance} | ({} if stack.half_space else {"T": lf.RadialTransmittance})
         geometries = [kind(r_min=edges[:-1], r_max=edges[1:]) for kind in kinds.values()]
         for side, found in zip(kinds, lf.predict(stack, geometries, solver=lf.MonteCarlo(photons=PHOTONS, seed=5)), strict=True):
-            assert found.estimated_error is not None
-            rows = zip(edges[:-1], edges[1:], found.values, found.estimated_error, strict=True)
-            lines += [f"{name},{side},{low:.6g},{high:.6g},{value:.6g},{error:.3g}" for low, high, value, error in rows]
+            lines += ring_rows(f"{name},{side}", edges, found)
     (Path(__file__).parent / "clear_layers.csv").write_text("\n".join(lines) + "\n")
 
 

@@ -6,6 +6,7 @@ Rings are narrow, where a few directions of a solver would be seen as cones of l
 from pathlib import Path
 
 import numpy as np
+from ring_rows import ring_rows
 
 import layerfit as lf
 
@@ -34,9 +35,7 @@ def main() -> None:
         edges = EDGES / float(stack.layers[0].sigma_a + stack.layers[0].sigma_s_prime)
         geometry = lf.RadialTransmittance(r_min=edges[:-1], r_max=edges[1:])
         found = lf.predict(stack, geometry, solver=lf.MonteCarlo(photons=PHOTONS, seed=3))[0]
-        assert found.estimated_error is not None
-        rows = zip(edges[:-1], edges[1:], found.values, found.estimated_error, strict=True)
-        lines += [f"{name},{low:.6g},{high:.6g},{value:.6g},{error:.3g}" for low, high, value, error in rows]
+        lines += ring_rows(name, edges, found)
     (Path(__file__).parent / "near_axis.csv").write_text("\n".join(lines) + "\n")
 
 

@@ -141,8 +141,7 @@ def _between_denser(columns: Columns) -> np.ndarray:
 
 def _with_grazing(columns: Columns, layout: Layout, which: np.ndarray, least: int) -> Layout:
     """At least so many directions in the outermost panels of some finite layers, where that has light."""
-    n = np.asarray(media(columns))
-    edges = np.sort([float(n[layout.groups.index(group)]) for group in range(len(layout.counts))])
+    n, edges = np.asarray(media(columns)), _edges(columns, layout)
     ends = {int(np.searchsorted(edges, n[1 + i])) for i in np.flatnonzero(which)}
     return replace(layout, counts=tuple(max(count, least) if k in ends and count > 1 else count for k, count in enumerate(layout.counts)))
 
@@ -183,6 +182,11 @@ def coarser(domain: Domain, fine: Fineness) -> Fineness:
 
 def _resolved(domain: Domain, layout: Layout) -> Layout:
     """With the moments that its directions resolve."""
-    n, lit = media(middle(domain)), lit_panels(domain, layout.groups)
-    edges = np.sort([float(n[layout.groups.index(group)]) for group in range(len(layout.counts))])
-    return replace(layout, terms=resolved_terms(layout.counts[:lit], edges[:lit]))
+    lit = lit_panels(domain, layout.groups)
+    return replace(layout, terms=resolved_terms(layout.counts[:lit], _edges(middle(domain), layout)[:lit]))
+
+
+def _edges(columns: Columns, layout: Layout) -> np.ndarray:
+    """Upper ends of the panels."""
+    n = np.asarray(media(columns))
+    return np.sort([float(n[layout.groups.index(group)]) for group in range(len(layout.counts))])
