@@ -5,6 +5,7 @@ positive definite (1 + a positive semidefinite matrix, 1 - a product of two refl
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -15,12 +16,13 @@ from jaxtyping import Float
 _LOOP = 32  # up to this size the rows of one matrix are eliminated one by one
 _LOOP_IN_BATCH = 10  # and those of many matrices
 _BLOCK, _LARGE, _BLOCK_OF_LARGE = 8, 96, 16  # above it, blocks of at most so many
+_HALVED = 48  # above this size many matrices are halved first
 
 
-@jax.custom_jvp
-def inverse(a: Float[Array, "*b n n"]) -> Float[Array, "*b n n"]:
-    """a^-1 without pivoting."""
-    return _inverse(a)
+@partial(jax.custom_jvp, nondiff_argnums=(1,))
+def inverse(a: Float[Array, "*b n n"], often: bool = False) -> Float[Array, "*b n n"]:
+    """a^-1 without pivoting. often : worth a longer program, which is faster for many matrices."""
+    return (_inverse_often if often else _inverse)(a)
 
 
 @jax.custom_batching.custom_vmap
@@ -31,6 +33,29 @@ def _inverse(a: Float[Array, "*b n n"]) -> Float[Array, "*b n n"]:
 @_inverse.def_vmap
 def _inverse_of_many(_size, _batched, a):
     return _by_rows_or_blocks(a, _LOOP_IN_BATCH), True
+
+
+@jax.custom_batching.custom_vmap
+def _inverse_often(a: Float[Array, "*b n n"]) -> Float[Array, "*b n n"]:
+    return _inverse(a)
+
+
+@_inverse_often.def_vmap
+def _inverse_of_many_often(_size, _batched, a):
+    return _by_halves(a), True
+
+
+def _by_halves(a: Float[Array, "*b n n"]) -> Float[Array, "*b n n"]:
+    """By Schur's complement: most of the work then is products of large blocks, which pass over the matrix seldom."""
+    n = a.shape[-1]
+    if n <= _HALVED:
+        return _by_rows_or_blocks(a, _LOOP_IN_BATCH)
+    m = n // 2
+    first = _by_halves(a[..., :m, :m])
+    left = a[..., m:, :m] @ first
+    last = _by_halves(a[..., m:, m:] - left @ a[..., :m, m:])
+    up = -first @ a[..., :m, m:] @ last
+    return jnp.concatenate([jnp.concatenate([first - up @ left, up], axis=-1), jnp.concatenate([-last @ left, last], axis=-1)], axis=-2)
 
 
 def _by_rows_or_blocks(a: Float[Array, "*b n n"], loop: int) -> Float[Array, "*b n n"]:
@@ -46,8 +71,8 @@ def _by_rows_or_blocks(a: Float[Array, "*b n n"], loop: int) -> Float[Array, "*b
 
 
 @inverse.defjvp
-def _inverse_jvp(primals, tangents):
-    result = inverse(primals[0])
+def _inverse_jvp(often, primals, tangents):
+    result = inverse(primals[0], often)
     return result, -result @ tangents[0] @ result
 
 

@@ -22,7 +22,7 @@ from .response import Nothing, Response, between, compose_all, reflection
 
 
 class Steps(NamedTuple):
-    """How often layers are doubled. thin : which layers may be clear."""
+    """How often layers are doubled where they are thin, tripled elsewhere. thin : which layers may be clear."""
 
     thin: tuple[bool, ...]
     of_thin: int

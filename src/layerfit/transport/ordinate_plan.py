@@ -15,7 +15,7 @@ from ..optics.hankel import Span
 from ..scene.columns import Columns
 from ..solver import Domain
 from .fineness import Events, Fineness, nearest, scales
-from .frequency_layer import Closing, closing, deep_steps
+from .frequency_layer import Closing, closing, deep_steps, times
 from .frequency_response import Steps
 from .layered_diffusion import LayeredDiffusion
 from .matrix import Matrix
@@ -248,12 +248,12 @@ def _span(domain: Domain, baseline: LayeredDiffusion | None, scale: float) -> Sp
     return Span(decay, 40.0 * scale, True)
 
 
-_THIN = 0.5  # optical thickness from which a layer is doubled as a scattering one
-_START, _SATURATED, _LEAST = 2.0, 64.0, 6  # of the fastest mode: decay times half thickness
+_THIN = 0.5  # optical thickness from which a layer is made as a scattering one
+_START, _SATURATED, _LEAST = 2.0, 64.0, 4  # of the fastest mode: decay times half thickness; and steps by which that is reached from any start
 
 
 def _steps(domain: Domain, grid: Grid, k: float) -> Steps:
-    """How often layers are doubled, for frequencies up to k."""
+    """How often layers are doubled or tripled, for frequencies up to k."""
     n = grid.root.shape[1]
     low, high = domain.low, domain.high
     sigma_low, sigma_high = (np.asarray(c.sigma_a + c.sigma_s_prime / (1.0 - c.g)) for c in (low, high))
@@ -261,12 +261,11 @@ def _steps(domain: Domain, grid: Grid, k: float) -> Steps:
     for i, (least, most) in enumerate(zip(np.asarray(low.thickness), np.asarray(high.thickness), strict=True)):
         mu = np.where(np.asarray(grid.real[i + 1]), np.asarray(grid.mu[i + 1]), 1.0)[:n]
         fastest = 0.5 * most * np.max((sigma_high[i] + k * np.sqrt(1.0 - mu**2)) / mu)
-        count = int(np.ceil(np.log2(max(fastest / _START, 1.0))))
         thin.append(bool(sigma_low[i] * (1.0 - np.asarray(low.g)[i]) * least < _THIN))
         if thin[-1]:
-            of_thin = max(of_thin, count)
+            of_thin = max(of_thin, times(fastest / _START, 2.0))
         else:
-            of_thick = max(of_thick, min(count, max(_LEAST, int(np.ceil(np.log2(max(fastest / _SATURATED, 1.0)))))))
+            of_thick = max(of_thick, min(times(fastest / _START, 3.0), max(_LEAST, times(fastest / _SATURATED, 3.0))))
     return Steps((*thin, *[False] * low.half_space), of_thin, of_thick)
 
 
