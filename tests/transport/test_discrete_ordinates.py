@@ -266,9 +266,7 @@ def _exit_fractions(stack: lf.Stack) -> list[np.ndarray]:
     return shares
 
 
-@pytest.mark.parametrize(
-    "name", [name if name in ("si_match_g08", "thin_slab_01mfp_g09") else pytest.param(name, marks=pytest.mark.long) for name in cases.NAMES]
-)
+@pytest.mark.parametrize("name", [name if name == "si_match_g08" else pytest.param(name, marks=pytest.mark.long) for name in cases.NAMES])
 def test_exit_angles_of_the_monte_carlo_cases(name):
     """Within 3 standard errors (0.1 % at least), but for what chance leaves outside: errors from 20 batches put 0.7 % of the bins there."""
     rows = np.loadtxt(REFERENCE / "cases" / f"{name}.angular.csv", delimiter=",", skiprows=1)

@@ -23,6 +23,7 @@ def test_each_value_is_that_of_its_solver_in_the_order_asked():
     assert transport_first.taken(STACK, GEOMETRIES[0]).name == "discrete-ordinates"
 
 
+@pytest.mark.long
 def test_joint_fit_of_totals_angles_and_radial_data():
     """What none of them determines alone: absorption, scattering and thickness from exact data of all four, an offset of r beside them."""
     truth = {"top.sigma_a": 0.05, "top.sigma_s_prime": 1.5, "top.thickness": 2.0}

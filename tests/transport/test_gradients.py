@@ -57,7 +57,12 @@ def from_the_right(values, x, i, h):
 
 @pytest.mark.parametrize(
     ("stack", "solver", "geometry"),
-    [(OVER_HALF, lf.LayeredDiffusion(), R), (SLABS, lf.LayeredDiffusion(), T), (SLABS, TEXTBOOK, R), (SLABS, lf.Multipole(), R)],
+    [
+        (OVER_HALF, lf.LayeredDiffusion(), R),
+        pytest.param(SLABS, lf.LayeredDiffusion(), T, marks=pytest.mark.long),
+        (SLABS, TEXTBOOK, R),
+        (SLABS, lf.Multipole(), R),
+    ],
     ids=["half", "slabs", "textbook", "multipole"],
 )
 def test_forward_reverse_and_differences(stack, solver, geometry):

@@ -89,7 +89,7 @@ def test_stages_integrate_polynomials_and_damp():
         assert abs(left[-1] - np.exp(-loss)) <= bound
 
 
-QUICK = {"forward_01", "glass_3"}
+QUICK = {"glass_3"}
 NEAR_AXIS = np.loadtxt(Path(make_near_axis.__file__).with_name("near_axis.csv"), delimiter=",", skiprows=2, dtype=str)
 
 
@@ -104,6 +104,7 @@ def test_near_the_axis_behind_a_slab(name):
     assert np.mean(np.abs(found.values - reference) <= found.estimated_error + 2.0 * se) >= 0.9
 
 
+@pytest.mark.long
 def test_derivatives_near_the_axis():
     """By absorption, scattering, g, index and thickness of a thin slab: forward, reverse and differences agree."""
     stack = lf.Stack([lf.Layer("a", sigma_a=0.1, sigma_s=2.0, g=0.6, n=1.4, thickness=0.2)])

@@ -57,6 +57,7 @@ def test_transport_agrees_without_them():
     assert found.solver.layers == 1 and any("'middle', 'deep' are not seen" in note for note in found.notes)
 
 
+@pytest.mark.long
 def test_a_fit_keeps_what_its_bounds_show():
     r = lf.RadialReflectance(r=np.geomspace(0.3, 4.0, 8))
     data = lf.Dataset(r, lf.predict(stack(), r, solver=lf.DiscreteOrdinates())[0].values, noise=lf.Noise(relative=0.01))
