@@ -19,7 +19,7 @@ def test_against_lapack(n):
     assert np.max(np.abs(found - exact)) <= 1e-12
     assert np.max(np.abs(slope + exact @ change @ exact)) <= 1e-10
     assert np.max(np.abs(jax.vmap(inverse)(jnp.asarray(a)) - exact)) <= 1e-12
-    assert np.max(np.abs(jax.vmap(lambda a: inverse(a, True))(jnp.asarray(a)) - exact)) <= 1e-12
+    assert np.max(np.abs(jax.vmap(lambda a: inverse(a, often=True))(jnp.asarray(a)) - exact)) <= 1e-12
 
 
 def test_small_eigenvalues_of_a_matrix_whose_elements_grow():

@@ -163,7 +163,7 @@ def thick_layer(
     def step(state, _):
         Y, Z, least = state
         a, b, c = _weights(least)
-        F = (b / c) * one + (a - b / c) * inverse(one + c * (Y @ Z), True)
+        F = (b / c) * one + (a - b / c) * inverse(one + c * (Y @ Z), often=True)
         return (F @ Y, Z @ F, jnp.minimum(least * (a + b * least**2) / (1.0 + c * least**2), 1.0)), None
 
     (Y, Z, _), _ = jax.lax.scan(step, (Y, Z, jnp.where(deep, jnp.sqrt(slowest / fastest), 1.0)), length=steps)
@@ -178,7 +178,7 @@ def thin_layer(sheet: Sheet, k: Float[Array, ""], share: Float[Array, "n"], step
 
     def double(pair, _):
         R, T = pair
-        passed = T @ inverse(one - R @ R, True)
+        passed = T @ inverse(one - R @ R, often=True)
         return (R + passed @ R @ T, passed @ T), None
 
     pair, _ = jax.lax.scan(double, _ends(*_rational(A, B, 0.5 * sheet.depth / 2.0**steps)), length=steps)
